@@ -8,27 +8,12 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from clustermcl.commands import as_text as text
 from clustermcl.commands.as_json import JsonObject, json_object
-from clustermcl.commands.as_text import (
-    LEAST_SHOWN,
-    belief_line,
-    is_unweighed,
-    place_text,
-    pose_text,
-    search_text,
-    shown_places,
-)
 from clustermcl.evaluation.pose_error import PoseError, pose_error
+from clustermcl.protocol import job_events
 from clustermcl.protocol.answers import Belief, Status
 from clustermcl.protocol.errors import escaped
-from clustermcl.protocol.job_events import (
-    Ended,
-    EndedCause,
-    NumberedEvent,
-    Remark,
-    event_texts,
-    is_of_search,
-)
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.runtime.logs import is_quiet
 
@@ -72,18 +57,20 @@ class DemoOutput:
     def on_belief(self, belief: Belief, truth: PoseTuple | None) -> None:
         """Show a belief, and the true pose if it is known; lines show only changes."""
         self._shown = "\n".join([self._title, *_table(belief, truth), *self._events])
-        change = belief.state, is_unweighed(belief), len(shown_places(belief))
-        self._print_change((*change, belief.step // _LINE_EVERY_STEPS), belief_line(belief))
+        change = belief.state, text.is_unweighed(belief), len(text.shown_places(belief))
+        self._print_change((*change, belief.step // _LINE_EVERY_STEPS), text.belief_line(belief))
 
-    def on_events(self, events: Iterable[NumberedEvent]) -> None:
+    def on_events(self, events: Iterable[job_events.NumberedEvent]) -> None:
         """Show events of places above `LEAST_SHOWN`; ignore those of searches."""
         shown = (
             each
             for each in events
-            if isinstance(each.event, Remark)
-            or not (is_of_search(each.event) or each.event.probability < LEAST_SHOWN)
+            if isinstance(each.event, job_events.Remark)
+            or not (
+                job_events.is_of_search(each.event) or each.event.probability < text.LEAST_SHOWN
+            )
         )
-        for line in map(escaped, event_texts(shown)):
+        for line in map(escaped, job_events.event_texts(shown)):
             self._events.append(line)
             self._print(line)
 
@@ -99,18 +86,20 @@ class DemoOutput:
 
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     """Yield a step's state, its places, elsewhere and off the map, and the true pose if known."""
-    search = search_text(belief.search_progress, runs=True) if belief.searching else ""
-    note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
+    search = text.search_text(belief.search_progress, runs=True) if belief.searching else ""
+    note = ", dead reckoning: no worker has weighed this step" if text.is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
-    shown = shown_places(belief)[:_SHOWN_PLACES]
+    shown = text.shown_places(belief)[:_SHOWN_PLACES]
     for place in shown:
-        yield _row(f"c{place.cluster}", place.probability, place_text(place.pose, place.covariance))
+        yield _row(
+            f"c{place.cluster}", place.probability, text.place_text(place.pose, place.covariance)
+        )
     if others := belief.hypotheses[len(shown) :]:
         yield _row(f"{len(others)} more", sum(place.probability for place in others))
     yield _row("elsewhere", belief.elsewhere_probability - belief.off_map_probability)
     yield _row("off the map", belief.off_map_probability)
     if truth is not None:
-        yield f"{'truth':>11}  {'':{_BAR + 8}}  {pose_text(truth)}"
+        yield f"{'truth':>11}  {'':{_BAR + 8}}  {text.pose_text(truth)}"
 
 
 def _row(name: str, probability: float, where: str = "") -> str:
@@ -131,7 +120,7 @@ class DemoSummary:
         self._ambiguous_steps = self._most_places = 0
         self._first_places_step: int | None = None
         self._lowest, self._highest = 1.0, 0.0
-        self._ended: Counter[EndedCause] = Counter()
+        self._ended: Counter[job_events.EndedCause] = Counter()
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None = None) -> None:
         self.belief, self.truth = belief, truth
@@ -146,9 +135,9 @@ class DemoSummary:
             self._most_places = max(self._most_places, len(held))
             self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
 
-    def on_event(self, event: NumberedEvent) -> None:
+    def on_event(self, event: job_events.NumberedEvent) -> None:
         """Count a cluster that ended, by its cause; ignore other events."""
-        if isinstance(event.event, Ended) and not is_of_search(event.event):
+        if isinstance(event.event, job_events.Ended) and not job_events.is_of_search(event.event):
             self._ended[event.event.cause] += 1
 
     def _error(self) -> PoseError | None:
@@ -192,7 +181,7 @@ class DemoSummary:
             yield f"From step {since} on the robot was localized."
         if belief and belief.hypotheses:
             best = belief.hypotheses[0]
-            where = place_text(best.pose, best.covariance)
+            where = text.place_text(best.pose, best.covariance)
             yield f"At the end {belief.state} with probability {best.probability:.2f}: {where}"
             if error := self._error():
                 yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."

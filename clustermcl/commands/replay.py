@@ -13,14 +13,8 @@ import typer
 
 from clustermcl.commands.as_text import belief_line
 from clustermcl.commands.options import Above, argument, option
+from clustermcl.coordinator.recorder import replay as flight
 from clustermcl.coordinator.recorder.records import Happened
-from clustermcl.coordinator.recorder.replay import (
-    Believed,
-    CoordinatorActs,
-    Happening,
-    files_at,
-    replayed,
-)
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import RecordingError, SettingsError, escaped, printable
 from clustermcl.protocol.why import why_text
@@ -116,13 +110,13 @@ def _print_replay(folder: Path, shown: Shown, above: float) -> bool:
     """Recompute a whole recording; return whether every belief equals the recorded one."""
     coordinators, step, printed = 0, -1, ""
     same: Counter[bool | None] = Counter()
-    for wall_ns, happening in replayed(folder, VERSION):
+    for wall_ns, happening in flight.replayed(folder, VERSION):
         match happening:
             case Happened() if happening.probability < above:
                 continue
-            case CoordinatorActs():
+            case flight.CoordinatorActs():
                 coordinators += 1
-            case Believed(belief, is_same):
+            case flight.Believed(belief, is_same):
                 same[is_same] += 1
                 step = belief.step
         clock = datetime.fromtimestamp(wall_ns / 1e9)  # local, like the log
@@ -139,14 +133,14 @@ def _print_replay(folder: Path, shown: Shown, above: float) -> bool:
     return not same[False]
 
 
-def _as_text(happening: Happening) -> str:
+def _as_text(happening: flight.Happening) -> str:
     match happening:
         case Happened(kind, about):
             return f"{kind}: {printable(about)}" if about else kind
-        case CoordinatorActs(sender, term, after_step):
+        case flight.CoordinatorActs(sender, term, after_step):
             how = "begins empty" if after_step is None else f"takes over after step {after_step}"
             return f"coordinator {sender}, term {term}: {how}"
-        case Believed(belief, same):
+        case flight.Believed(belief, same):
             differs = {False: "; differs from the recorded belief", None: "; not recorded"}
             return belief_line(belief) + differs.get(same, "")
 
@@ -193,7 +187,7 @@ def _print_why(path: Path, place: int | None, shown: Shown) -> None:
 
 def _beliefs(path: Path) -> Iterator[tuple[int, Belief]]:
     """Yield all beliefs with the wall clock [ns]; they are those that were published."""
-    for file in files_at(path):
+    for file in flight.files_at(path):
         for message in RunLogReader(file).messages():
             if message.topic == BELIEF:
                 yield message.at_ns, decoded(message, Belief, file)

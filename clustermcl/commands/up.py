@@ -14,19 +14,12 @@ from clustermcl.commands.processes import become
 from clustermcl.commands.stack import ProcessEndedError, Stack, temporary_folder
 from clustermcl.commands.verbosity import say
 from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime import sources
 from clustermcl.runtime.folders import kept_folder, recording_folder
 from clustermcl.runtime.main import outermost
 from clustermcl.runtime.parent import die_with_parent
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
-from clustermcl.runtime.sources import (
-    NO_MAP,
-    Live,
-    Recorded,
-    Simulated,
-    is_published,
-    parsed_source,
-)
 from clustermcl.runtime.stop import stop_on_signals
 from clustermcl.runtime.supervisor import ChildExit
 from clustermcl.view.admission import parsed_address
@@ -120,14 +113,14 @@ def _check(settings: Settings) -> None:
 
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
     bridge = settings.bridge
-    match parsed_source(bridge.source):
-        case Simulated() as robot:
+    match sources.parsed_source(bridge.source):
+        case sources.Simulated() as robot:
             simulated_world(robot)
-        case Recorded(path):
+        case sources.Recorded(path):
             _check_map(bridge.map, path)
             open_recording(path, bridge)
-        case Live():
-            if not is_published(bridge.map, bridge.source):
+        case sources.Live():
+            if not sources.is_published(bridge.map, bridge.source):
                 _check_map(bridge.map)
         case choice:
             assert_never(choice)
@@ -138,5 +131,5 @@ def _check_map(named: str, recording: str = "") -> None:
 
     map_file = map_file_of(named, recording) if recording else named
     if not map_file:
-        raise SettingsError(key="bridge.map", problem=NO_MAP)
+        raise SettingsError(key="bridge.map", problem=sources.NO_MAP)
     load_map_with_obstacles(map_file)

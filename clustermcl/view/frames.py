@@ -24,7 +24,6 @@ from clustermcl.protocol.work import Particles
 
 Frame: TypeAlias = dict[str, Any]
 
-NO_REASONS = Why()
 ROW_PLACES = 16
 """Limit for the places of a step in plot and trails; the most probable are kept."""
 MAX_BEAMS = 360
@@ -91,9 +90,7 @@ def _drawn_at(seen: Observed) -> tuple[str, float, float]:
     return seen.landmark if isinstance(seen, Sighting) else "", x, y
 
 
-def place_frames(
-    places: Iterable[Hypothesis], slots: Mapping[int, int], why: Why = NO_REASONS
-) -> list[Frame]:
+def place_frames(places: Iterable[Hypothesis], slots: Mapping[int, int], why: Why) -> list[Frame]:
     """Return what is drawn of each place; the covariances are of x, x y, y and the heading."""
     return [
         {

@@ -23,16 +23,8 @@ from clustermcl.protocol.answers import Drive
 from clustermcl.protocol.errors import MalformedMessageError, SettingsError
 from clustermcl.protocol.message import MAX_ID_CHARACTERS
 from clustermcl.runtime.caller import caller
+from clustermcl.view import commands
 from clustermcl.view.admission import Address, Admission
-from clustermcl.view.commands import (
-    MAX_REQUEST_BYTES,
-    SENDER,
-    Drawn,
-    Request,
-    ShowEarlier,
-    ShowPast,
-    parsed_request,
-)
 from clustermcl.view.room import Browser, FromBrowser, PageOpened, Room, encoded
 from clustermcl.view.saved_page import static_files
 
@@ -122,7 +114,7 @@ class PageServer:
             sock=self._listening,
             process_request=self._answer,
             compression=None,
-            max_size=MAX_REQUEST_BYTES,
+            max_size=commands.MAX_REQUEST_BYTES,
             server_header=None,
             close_timeout=0.5,
             logger=quiet,
@@ -180,7 +172,7 @@ class PageServer:
         try:
             room.on_event(FromBrowser(browser, PageOpened()))
             async for text in connection:
-                self._on_request(room, browser, parsed_request(text, _sender(connection)))
+                self._on_request(room, browser, commands.parsed_request(text, _sender(connection)))
         except MalformedMessageError as error:
             await connection.close(1008, str(error)[:100])
         except ConnectionClosed:
@@ -188,12 +180,12 @@ class PageServer:
         finally:
             room.browsers.discard(browser)
             if browser.drives:  # so that the robot drives on by itself
-                room.on_event(FromBrowser(browser, Drive(sender=SENDER, by_hand=False)))
+                room.on_event(FromBrowser(browser, Drive(sender=commands.SENDER, by_hand=False)))
 
-    def _on_request(self, room: Room, browser: Browser, request: Request) -> None:
-        if isinstance(request, Drawn):
+    def _on_request(self, room: Room, browser: Browser, request: commands.Request) -> None:
+        if isinstance(request, commands.Drawn):
             browser.on_drawn(request)
-        elif self._commands or isinstance(request, ShowPast | ShowEarlier):
+        elif self._commands or isinstance(request, commands.ShowPast | commands.ShowEarlier):
             if isinstance(request, Drive):
                 browser.drives = request.by_hand
             room.on_event(FromBrowser(browser, request))

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import zenoh
 
-from clustermcl.protocol import keys
+from clustermcl.protocol import keys, work
 from clustermcl.protocol.answers import Kidnap, Relocalize, SetPose, Update
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
@@ -17,14 +17,6 @@ from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
-from clustermcl.protocol.work import (
-    Assignment,
-    Checkpoint,
-    ReportBatch,
-    Reported,
-    TrackJob,
-    WorkOrder,
-)
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 WORKER = "worker-0"
@@ -164,7 +156,7 @@ class ForeignSender:
         yield from ((report, bad) for bad in self._bad_reports(scan.step))
         for pose in ((NAN, 0.0, 0.0), (1e300, 0.0, 0.0)):
             yield keys.ODOMETRY, OdometryReading(sender="x", stamp_ns=0, odom_from_robot=pose)
-        checkpoint = Checkpoint(sender="x", term=-1, serial=0, step=0, founded=True, state=b"")
+        checkpoint = work.Checkpoint(sender="x", term=-1, serial=0, step=0, founded=True, state=b"")
         yield keys.CHECKPOINT, checkpoint
         bloated = Health(
             sender="x", role="x", version="", uptime_s=0.0, done={str(n): n for n in range(900)}
@@ -173,7 +165,7 @@ class ForeignSender:
         yield keys.worker_health(WORKER), msgspec.structs.replace(bloated, done={}, uptime_s=NAN)
 
     @staticmethod
-    def _bad_reports(step: int) -> Iterator[Reported]:
+    def _bad_reports(step: int) -> Iterator[work.Reported]:
         old = tracked("c0", step, 1e9, ORIGIN, epoch=0)
         yield old  # of an epoch that is over
         yield msgspec.structs.replace(old, job_id="c999999", epoch=10**6)
@@ -185,7 +177,7 @@ class ForeignSender:
         ):  # fmt: skip
             bad = msgspec.structs.replace(old, **change)
             yield bad
-            yield ReportBatch(sender="x", reports=(old, bad))
+            yield work.ReportBatch(sender="x", reports=(old, bad))
 
     @staticmethod
     def _bad_commands() -> Iterator[Message]:
@@ -202,9 +194,9 @@ class ForeignSender:
             cloud, log_weights=ArrayBlob.of(np.full(2, NAN), "float64")
         )
         for term, digest, start in ((0, ANOTHER_MAP, cloud), (2**50, "x", poisoned)):
-            job = TrackJob(cluster=0, start=start, exact=True)
-            yield WorkOrder(
+            job = work.TrackJob(cluster=0, start=start, exact=True)
+            yield work.WorkOrder(
                 sender="x", term=term, order=1, map_digest=digest, filter_settings={},
                 snapshot_every_steps=1, keep=(),
-                begin=(Assignment(job_id="c0", epoch=0, job=job),),
+                begin=(work.Assignment(job_id="c0", epoch=0, job=job),),
             )  # fmt: skip

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from benchmarks.wean import as_carmen
@@ -148,3 +149,12 @@ def test_a_demo_whose_worker_is_killed_ends_and_names_the_process(
     assert demo.wait() == 2
     assert "the worker process ended with SIGKILL" in demo.err
     demo.assert_nothing_runs()
+
+
+def test_a_demo_in_a_map_without_room_is_refused_in_one_line(tmp_path: Path) -> None:
+    refused = ran("demo", "--map", str(write_room(tmp_path, cells=(6, 62))))
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "0.6 m wide" in refused.stderr
+    assert refused.stderr.count("\n") == 1
+    running = [child.cmdline() for child in psutil.Process().children(recursive=True)]
+    assert not [words for words in running if "-m" in words], "a process was left"

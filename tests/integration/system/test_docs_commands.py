@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from clustermcl.evaluation.references import tum_line
-from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import world
@@ -27,7 +27,8 @@ from tests.integration.faults.system import system
 from tests.integration.security.certificates import require_openssl
 from tests.integration.system.commands import SMALL_FILTER
 from tests.integration.system.conftest import SMALL
-from tests.integration.waiting import patient_client, wait_until
+from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
+from tests.integration.worlds import write_room
 from tests.maps import write_map
 from tests.unit.recordings.logs import flaser
 
@@ -218,3 +219,34 @@ def test_a_block_of_commands_for_certificates_runs(block: Block, tmp_path: Path)
         assert (tmp_path / "certificates" / f"{worker}.toml").is_file()
         assert (tmp_path / "certificates" / f"{worker}.key").is_file()
         assert f'"{worker} publishes: ingress"' in (tmp_path / "router-secure.json5").read_text()
+
+
+COORDINATOR = CoordinatorSettings(step_deadline_s=10.0, stale_after_s=10.0)
+WIRE = Path(__file__).resolve().parents[3] / "docs" / "wire.md"
+
+
+def example() -> str:
+    page = WIRE.read_text()
+    code = page.split("<!-- robot example -->\n```python\n")[1].split("```")[0]
+    assert len(code.splitlines()) <= 34
+    return code
+
+
+def test_the_example_of_the_wire_page_drives_a_robot(tmp_path: Path) -> None:
+    bridge = BridgeSettings(map=str(write_room(tmp_path)), source="zenoh")
+    settings = msgspec.structs.replace(SMALL, bridge=bridge, coordinator=COORDINATOR)
+    with system(settings) as tested, tested.client as client:
+        wait_until(lambda: len(client.status().workers) == 4)
+        wait_until(lambda: "sensor_bridge" in {p.sender for p in client.status().processes})
+        robot = subprocess.run(
+            [sys.executable, "-c", example(), tested.settings.zenoh.router, "40"],
+            capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+        wait_until(lambda: client.status().steps_applied >= 9)
+        status = client.status()
+    assert robot.returncode == 0, robot.stderr
+    assert "'schema': 'pose/1'" in robot.stdout
+    assert "'freshness': 'fresh'" in robot.stdout
+    # 40 readings, 0.05 m apart, a step each 0.2 m; the last scan still waits for odometry.
+    assert status.steps_applied in (9, 10)
+    assert status.steps_lost == 0

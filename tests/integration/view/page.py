@@ -1,19 +1,13 @@
 """What a test sees of the page, and does on it."""
 
-import base64
 import importlib.util
-import io
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
-from PIL import Image
 from websockets.sync.client import ClientConnection, connect
 
 from tests.integration.waiting import PATIENCE_S, wait_until
@@ -35,38 +29,6 @@ def frames(page: ClientConnection) -> Iterator[dict[str, Any]]:
 def frame_of(page: ClientConnection, topic: str) -> dict[str, Any]:
     found: dict[str, Any] = next(each[topic] for each in frames(page) if topic in each)
     return found
-
-
-SNAPSHOT = """
-const view = liveView.view;
-view.draw();
-return JSON.stringify({
-  step: view.step, view: view.view, image: view.canvas.toDataURL(),
-  size: [view.canvas.clientWidth, view.canvas.clientHeight],
-});
-"""
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """The map's canvas at one moment, and what was drawn on it."""
-
-    step: dict[str, Any]
-    view: dict[str, float]
-    size: tuple[int, int]
-    pixels: NDArray[np.uint8]
-
-    def pixel_at(self, x_m: float, y_m: float) -> tuple[int, int, int]:
-        left, top = self.screen_of(x_m, y_m)
-        ratio = self.pixels.shape[1] / self.size[0]  # of a phone's fine screen
-        red, green, blue = self.pixels[round(top * ratio), round(left * ratio)]
-        return int(red), int(green), int(blue)
-
-    def screen_of(self, x_m: float, y_m: float) -> tuple[float, float]:
-        width, height = self.size
-        view = self.view
-        left = width / 2 + (x_m - view["x"]) * view["scale"]
-        return left, height / 2 - (y_m - view["y"]) * view["scale"]
 
 
 class Page:
@@ -116,7 +78,7 @@ class Page:
 
     def _at(self, where: tuple[float, float]) -> Any:
         canvas = self.driver.find_element("id", "map")
-        width, height = self.snapshot().size
+        width, height = canvas.rect["width"], canvas.rect["height"]
         x, y = round(where[0] - width / 2), round(where[1] - height / 2)
         return self.actions().move_to_element_with_offset(canvas, x, y)
 
@@ -148,11 +110,32 @@ class Page:
         rows: list[Any] = self.run("return liveView.history()")
         return rows
 
-    def snapshot(self) -> Snapshot:
-        taken = json.loads(self.run(SNAPSHOT))
-        png = base64.b64decode(taken["image"].partition(",")[2])
-        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-        return Snapshot(taken["step"], taken["view"], tuple(taken["size"]), pixels)
+    def places(self) -> list[dict[str, Any]]:
+        """The places of the shown step."""
+        places: list[dict[str, Any]] = self.run("return liveView.view.step?.places ?? []")
+        return places
+
+    def section(self) -> dict[str, float]:
+        """The visible section: its middle [m], and pixels per metre."""
+        section: dict[str, float] = self.run("return liveView.view.view")
+        return section
+
+    def screen_of(self, x_m: float, y_m: float) -> tuple[float, float]:
+        left, top = self.run(f"return liveView.view.screenOf([{x_m}, {y_m}])")
+        return left, top
+
+    def pixel_at(self, x_m: float, y_m: float) -> tuple[int, int, int]:
+        """The colour of a point of the map, drawn now."""
+        red, green, blue = self.run(f"""
+            const {{view}} = liveView, {{canvas}} = view;
+            view.draw();
+            const ratio = canvas.width / canvas.clientWidth; // of a phone's fine screen
+            const at = view.screenOf([{x_m}, {y_m}]).map((px) => -Math.round(px * ratio));
+            const copy = document.createElement("canvas").getContext("2d"); // read only once
+            copy.drawImage(canvas, ...at);
+            return [...copy.getImageData(0, 0, 1, 1).data].slice(0, 3);
+        """)
+        return red, green, blue
 
     def console(self) -> list[str]:
         return [entry["message"] for entry in self.driver.get_log("browser")]

@@ -3,19 +3,22 @@ import json
 import re
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
-from websockets.exceptions import ConnectionClosedError, InvalidStatus
+from websockets.exceptions import ConnectionClosed, ConnectionClosedError, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.free_port import free_port
 from tests.integration.processes import RunningProcess
-from tests.integration.view.page import frame_of
-from tests.integration.view.page import opened as open_page
-from tests.integration.waiting import PATIENCE_S
+from tests.integration.view.page import frame_of, opened
+from tests.integration.view.stage import Stage
+from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.unit.view.messages import belief
 
 
 @pytest.fixture
@@ -33,7 +36,7 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     process.wait_for("look at")
     assert process.err == f"clustermcl: look at http://127.0.0.1:{chosen}/\n"
     yield chosen
-    with opened(chosen) as page:
+    with opened_at(chosen) as page:
         page.recv(PATIENCE_S)
         process.send_signal(signal.SIGTERM)
         assert process.wait() == 0, "an open page does not hold it"
@@ -55,12 +58,12 @@ def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]
     return result
 
 
-def opened(
+def opened_at(
     port: int, *, origin: str = "", cookie: str = "", path: str = "live"
 ) -> ClientConnection:
     headers = {"Cookie": cookie} if cookie else {}
     link = f"http://127.0.0.1:{port}"
-    return open_page(f"{link}/", path, origin=origin or link, additional_headers=headers)
+    return opened(f"{link}/", path, origin=origin or link, additional_headers=headers)
 
 
 def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -> None:
@@ -79,7 +82,7 @@ def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -
     for path in ("/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js", "/robot/r3/"):
         assert got(port, path)[0] == 404, path
     for name, path in (("r1", "live"), ("r1", "robot/r1/live"), ("r2", "robot/r2/live")):
-        with opened(port, path=path) as page:
+        with opened_at(port, path=path) as page:
             system = json.loads(page.recv(PATIENCE_S))["system"]
             assert (system["robot"], system["robots"]) == (name, ["r1", "r2"])
 
@@ -90,7 +93,7 @@ def done(page: ClientConnection) -> str:
 
 
 def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:
-    with opened(port) as page:
+    with opened_at(port) as page:
         assert "no answer" in done(page)
 
 
@@ -98,12 +101,12 @@ def test_a_browser_that_sends_malformed_messages_is_disconnected_and_disturbs_no
     port: int,
 ) -> None:
     for rubbish in ("{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}'):
-        with opened(port) as page:
+        with opened_at(port) as page:
             page.recv(PATIENCE_S)
             page.send(rubbish)
             with pytest.raises(ConnectionClosedError):
                 all(page.recv(PATIENCE_S) for _ in range(20))  # some pictures were under way
-    with opened(port) as page:
+    with opened_at(port) as page:
         assert "system" in json.loads(page.recv(PATIENCE_S))
 
 
@@ -118,8 +121,8 @@ def test_on_other_addresses_the_page_needs_the_token_and_is_read_only(
     status, headers, _ = got(port, f"/?token={token[1]}")
     assert status == 200
     with pytest.raises(InvalidStatus):
-        opened(port)
-    with opened(port, cookie=headers["set-cookie"].partition(";")[0]) as page:
+        opened_at(port)
+    with opened_at(port, cookie=headers["set-cookie"].partition(";")[0]) as page:
         system = json.loads(page.recv(PATIENCE_S))["system"]
         assert (system["link"], system["commands"]) == ("no router", False)
         assert "is read-only" in done(page)
@@ -134,3 +137,35 @@ def test_a_port_in_use_is_refused_in_one_line(
     assert process.wait() == 2
     assert "in use" in process.err
     assert process.err.count("\n") == 1
+
+
+STEPS, PLACES = 1000, 16
+
+
+def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_other() -> None:
+    with Stage() as stage:
+        for step in range(STEPS):
+            stage.picture.on_belief(belief(step, *range(PLACES)))
+        with opened(stage.server.link, max_queue=1, ping_interval=None) as deaf:
+
+            def asked_for_more() -> bool:
+                stage.pump()
+                try:
+                    deaf.send('{"type": "earlier", "before": 1000}')
+                    deaf.send('{"type": "drawn", "count": 100}')
+                except ConnectionClosed:
+                    return True
+                return False
+
+            wait_until(asked_for_more)
+        with opened(stage.server.link, max_size=None) as other:
+            reported: dict[str, Any] = {}
+
+            def has_newest_step() -> bool:
+                stage.pump()
+                with suppress(TimeoutError):
+                    reported.update(json.loads(other.recv(0.05)))
+                return "step" in reported
+
+            wait_until(has_newest_step)
+            assert reported["step"]["step"] == STEPS - 1

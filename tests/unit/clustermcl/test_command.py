@@ -1,14 +1,22 @@
+import logging
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from clustermcl.commands.command import COMMANDS, app
-from clustermcl.protocol.errors import ClusterMclError, SettingsError
+from clustermcl.commands.verbosity import is_verbose
+from clustermcl.protocol.errors import ClusterMclError, RecordingError, SettingsError
+from clustermcl.runtime.logs import configure_logging, is_quiet
 from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import load_settings
+from tests.unit.recordings.bags import grid, scan, written
 
 NAMES = [name for group in COMMANDS.values() for name in group]
 ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]
@@ -100,6 +108,11 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["evaluate", "sim:hall", "--reference", "r.tum"], "--reference: a simulated robot"),
         (["evaluate", "sim:hall", "--starts", "2", "--seeds", "2"], "every start of a simulated"),
         (["evaluate", "a.log"], "--map is missing: a recording needs"),
+        (["demo", "--map", "no.yaml"], "no.yaml: no such file"),
+        (["snapshot", "now"], "is a .png file"),
+        (["snapshot", "now.jpg"], "is a .png file"),
+        (["snapshot", "none/now.png"], "its folder does not exist"),
+        (["view", "none.mcap"], "none.mcap: no such file"),
         *((["evaluate", "sim:cross", "--output", name], "must end in .csv; --json prints JSON")
           for name in ("runs", "runs.json", "runs.csv.gz")),
     ],
@@ -109,6 +122,37 @@ def test_a_mistake_of_the_command_line_is_refused_in_words(words: list[str], mes
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, ClusterMclError), result.output
     assert message in str(result.exception)
+
+
+def test_topics_and_frames_named_on_the_command_line_are_settings(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read: list[Settings] = []
+
+    def loaded(*given: Any) -> Settings:
+        read.append(load_settings(*given))
+        return read[0]
+
+    monkeypatch.setattr("clustermcl.commands.options.load_settings", loaded)
+    words = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--base-frame", "d"]
+    words = ["demo", "--recording", "robot.bag", *words, "--set", "bridge.laser_x_m=0.2"]
+    assert isinstance(CliRunner().invoke(app, words).exception, ClusterMclError), "there is no bag"
+    bridge = read[0].bridge
+    named = (bridge.scan_topic, bridge.odom_topic, bridge.odom_frame, bridge.base_frame)
+    assert (*named, bridge.laser_x_m) == ("/a", "/b", "c", "d", 0.2)
+
+
+@pytest.mark.parametrize(("command", "remedy"), [
+    (["evaluate"], "--scan-topic"), (["demo", "--recording"], "--scan-topic"),
+    (["view"], "demo --view --recording"),
+])  # fmt: skip
+def test_a_bag_with_two_scan_topics_needs_a_scan_topic_but_no_map_file(
+    tmp_path: Path, command: list[str], remedy: str
+) -> None:
+    sent = [grid(1, [[0, 100]]), scan(2), scan(3, topic="/rear/scan")]
+    result = CliRunner().invoke(app, [*command, str(written(tmp_path, "mcap", sent))])
+    assert isinstance(result.exception, RecordingError)
+    assert remedy in str(result.exception)
 
 
 @pytest.mark.parametrize(
@@ -137,3 +181,47 @@ def test_an_unreachable_system_has_another_exit_code_than_wrong_usage(
     assert (done.returncode, done.stdout) == (code, "")
     assert says in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+@pytest.fixture(autouse=True)
+def usual_logging() -> Iterator[None]:
+    """Handlers of pytest's own come back as they were."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    root.handlers = []
+    configure_logging("clustermcl", "warning")
+    yield
+    root.handlers = handlers
+    root.setLevel(level)
+
+
+@pytest.fixture
+def settings_seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
+    settings: list[Settings] = []
+
+    def checked(given: Settings) -> None:
+        settings.append(given)
+        raise SystemExit
+
+    monkeypatch.setattr("clustermcl.commands.up._check_in_child", checked)
+    return settings
+
+
+def test_options_before_the_command_reach_the_processes_unless_a_setting_differs(
+    settings_seen: list[Settings],
+) -> None:
+    for words in (["up"], ["--quiet", "up"], ["-q", "up"], ["-v", "up"], ["up"]):
+        configure_logging("clustermcl", "warning")
+        assert CliRunner().invoke(app, words).exit_code == 0
+        assert (is_quiet(), is_verbose()) == (words[0] in ("--quiet", "-q"), words[0] == "-v")
+    CliRunner().invoke(app, ["-v", "up", "--set", "log.level=warning"])
+    usual = Settings().log.level
+    seen = [settings.log.level for settings in settings_seen]
+    assert seen == [usual, "error", "error", "debug", usual, "warning"]
+
+
+def test_a_shell_offers_commands() -> None:
+    words = {"COMP_WORDS": "clustermcl hyp", "COMP_CWORD": "1"}
+    asked = {"_CLUSTERMCL_COMPLETE": "complete_bash", **words}
+    found = CliRunner().invoke(app, env=asked, prog_name="clustermcl")
+    assert found.output.split() == ["hypotheses"]

@@ -1,8 +1,10 @@
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
+from clustermcl.commands import up
 from clustermcl.commands.stack import ProcessEndedError, meeting_in, temporary_folder
 from clustermcl.link.configuration import check_endpoint
 from clustermcl.runtime.settings import RobotSettings, Settings
@@ -38,3 +40,16 @@ def test_a_router_in_a_folder_changes_only_the_endpoint() -> None:
     met = meeting_in(Path("/tmp/x"), settings)
     assert met.zenoh.router == "unixsock-stream//tmp/x/router.sock"
     assert (met.seed, met.robot, met.bridge) == (5, settings.robot, settings.bridge)
+
+
+def test_a_killed_check_of_the_settings_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(up, "_check", lambda _: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(ProcessEndedError, match="settings check process ended with SIGKILL"):
+        up.up(robot=None, router=None)
+
+
+def test_refused_settings_end_the_command(capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        up.up(robot=None, router=None)  # without a map
+    assert ended.value.code == 2
+    assert "bridge.map is empty" in capfd.readouterr().err

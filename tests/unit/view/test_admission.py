@@ -1,6 +1,9 @@
+import msgspec
 import pytest
 
-from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
+from clustermcl.protocol.errors import MalformedMessageError, SettingsError
+from clustermcl.view import commands
 from clustermcl.view.admission import DEFAULT_PORT, Address, Admission, parsed_address
 
 HERE = Admission(Address("127.0.0.1", 8350))
@@ -57,3 +60,50 @@ def test_the_link_has_the_token_and_loopback_needs_none() -> None:
     assert THERE.link == "http://0.0.0.0:8350/?token=secret"
     assert "HttpOnly" in THERE.cookie
     assert "SameSite=Strict" in THERE.cookie
+
+
+PAGE = {"sender": "view"}
+COMMAND = {**PAGE, "command_id": "id"}
+POSE = (1.0, 2.5, -3.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "request_of_the_page"),
+    [
+        ('{"type": "drawn"}', commands.Drawn()),
+        ('{"type": "drawn", "count": 3, "slow": true}', commands.Drawn(3, slow=True)),
+        ('{"type": "relocalize"}', Relocalize(**COMMAND)),
+        ('{"type": "set_pose", "pose": [1, 2.5, -3]}', SetPose(**COMMAND, pose=POSE)),
+        ('{"type": "set_pose", "pose": [1, 2.5, -3], "position_sigma_m": 0.2}',
+         SetPose(**COMMAND, pose=POSE, position_sigma_m=0.2)),
+        ('{"type": "update"}', Update(**COMMAND)),
+        ('{"type": "advise"}', commands.AskAdvice()),
+        ('{"type": "kidnap"}', Kidnap(**COMMAND)),
+        ('{"type": "kidnap", "pose": [1, 2.5, -3]}', Kidnap(**COMMAND, pose=POSE)),
+        ('{"type": "past", "step": 7}', commands.ShowPast(7)),
+        ('{"type": "earlier", "before": 7}', commands.ShowEarlier(7)),
+        ('{"type": "drive", "speed_m_s": 0.6, "turn_rate_rad_s": -1}',
+         Drive(**PAGE, speed_m_s=0.6, turn_rate_rad_s=-1.0)),
+        ('{"type": "drive", "by_hand": false, "sender": "another"}', Drive(**PAGE, by_hand=False)),
+    ],
+)  # fmt: skip
+def test_requests_of_the_page_are_parsed(text: str, request_of_the_page: commands.Request) -> None:
+    parsed = commands.parsed_request(text)
+    if isinstance(parsed, Relocalize | SetPose | Update | Kidnap):
+        assert parsed != commands.parsed_request(text), "each command has an id of its own"
+        parsed = msgspec.structs.replace(parsed, command_id="id")
+    assert parsed == request_of_the_page
+
+
+@pytest.mark.parametrize("text", [
+    "", "[]", b"\xff", '{"type": "drawn", "x": ' + 970 * "[", '{"type": "shutdown"}',
+    '{"type": ["set_pose"]}', '{"type": "drive", "speed_m_s": 1e999}',
+    '{"type": "drawn", "more": 1}', '{"type": "drawn", "count": -1}',
+    '{"type": "past", "step": -1}', '{"type": "past", "step": 1.5}', '{"type": "set_pose"}',
+    *(f'{{"type": "set_pose", "pose": {pose}}}' for pose in (
+        "[1, 2]", "[1, 2, 1e999]", "[1e9, 2, 3]")),
+    '{"type": "set_pose", "pose": [1, 2, 3], "position_sigma_m": 0}',
+])  # fmt: skip
+def test_malformed_requests_are_refused(text: str | bytes) -> None:
+    with pytest.raises(MalformedMessageError):
+        commands.parsed_request(text)

@@ -2,10 +2,18 @@ import json
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clustermcl.protocol.steps import TruePose
-from clustermcl.view.picture import NEWEST_ROWS, Picture
+from clustermcl.protocol.work import Particles
+from clustermcl.view.commands import Drawn
+from clustermcl.view.frames import MAX_PARTICLES, cloud_frame
+from clustermcl.view.picture import NEWEST_ROWS, SLOTS, ColourSlots, Picture
+from clustermcl.view.room import MESSAGES_AHEAD, Browser
+from tests.unit.coordinator.reports import particles
 from tests.unit.view.messages import (
     belief,
     events,
@@ -163,3 +171,91 @@ def test_the_map_is_queried_until_its_digest_is_that_of_the_system(picture: Pict
     assert not picture.has_wanted_map
     picture.on_map(map_message("d2"))
     assert picture.has_wanted_map
+
+
+@given(st.lists(st.sets(st.integers(0, 40), max_size=20), max_size=30))
+def test_each_cluster_has_a_slot_of_its_own_that_never_changes(steps: list[set[int]]) -> None:
+    slots, before, most = ColourSlots(), dict[int, int](), 0
+    for alive in steps:
+        now = slots.assign(sorted(alive))
+        assert now.keys() == alive
+        assert len(set(now.values())) == len(now)
+        assert all(now[cluster] == before[cluster] for cluster in alive & before.keys())
+        most = max(most, len(alive))
+        assert max(now.values(), default=0) < max(most, SLOTS)
+        before = now
+
+
+def test_a_new_cluster_gets_another_slot_than_the_last_ended_one() -> None:
+    slots = ColourSlots()
+    was = slots.assign([1, 2])[2]
+    slots.assign([1])
+    assert slots.assign([1, 3])[3] != was
+
+
+class _Page:
+    def __init__(self) -> None:
+        self.received: list[bytes] = []
+        self.browser = Browser(self.received.append)
+
+
+def test_nothing_is_sent_while_a_slow_page_draws() -> None:
+    page = _Page()
+    page.browser.offer({"map": b"m", "step": b"1"})
+    page.browser.on_drawn(Drawn(1, slow=True))
+    page.browser.offer({"step": b"2"})
+    page.browser.offer({"step": b"3"})
+    assert page.received == [b"{m,1}", b"{2}"], "a new page gets all frames in one message"
+    for _ in range(2):  # the second has no new frame to send
+        page.browser.on_drawn(Drawn(1, slow=True))
+        assert page.received == [b"{m,1}", b"{2}", b"{3}"]
+
+
+def test_a_fast_page_may_acknowledge_several_messages_together() -> None:
+    page = _Page()
+    for number in range(100):
+        page.browser.offer({"step": b"%d" % number})
+    assert len(page.received) == MESSAGES_AHEAD
+    page.browser.on_drawn(Drawn(MESSAGES_AHEAD))
+    assert page.received[MESSAGES_AHEAD:] == [b"{99}"]
+
+
+def test_only_the_newest_frame_of_each_topic_waits() -> None:
+    page = _Page()
+    for number in range(1000):
+        page.browser.offer({"step": b"%d" % number, "pose": b"p"})
+    del page.received[:]
+    page.browser.on_drawn(Drawn(1))
+    assert page.received == [b"{999,p}"]
+
+
+def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
+    return particles(poses, log_weights, step=5, odom=(1.0, 2.0, 0.5))
+
+
+def test_particles_are_given_in_centimetres_and_milliradians() -> None:
+    frame = cloud_frame(3, cloud(np.array([[1.234, -5.678, 0.1234]]), np.zeros(1)))
+    assert frame == {
+        "cluster": 3, "step": 5, "odom": (1.0, 2.0, 0.5), "points": [123, -568, 123],
+    }  # fmt: skip
+
+
+def test_particles_are_drawn_in_proportion_to_their_weight() -> None:
+    poses = np.zeros((3000, 3))
+    poses[1000:, 0] = 1.0
+    log_weights = np.where(poses[:, 0] > 0, np.log(0.25 / 2000), np.log(0.75 / 1000))
+    points = cloud_frame(1, cloud(poses, log_weights))["points"]
+    assert len(points) == 3 * MAX_PARTICLES
+    assert np.mean(np.array(points[::3]) == 100) == pytest.approx(0.25, abs=0.01)
+
+
+def test_particles_without_weight_are_not_drawn() -> None:
+    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    points = cloud_frame(1, cloud(poses, np.array([-np.inf, 0.0])))["points"]
+    assert set(points[::3]) == {100}
+
+
+def test_only_names_of_tracking_jobs_have_a_cluster_number() -> None:
+    assert report(1, 12).cluster == 12
+    for name in ("s3.1", "c", "c-1", "cx", "c" + "9" * 30):
+        assert report(1, 12, job=name).cluster is None
