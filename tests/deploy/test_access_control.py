@@ -37,23 +37,6 @@ def test_every_key_is_written_by_one_role_and_read_by_another(key: str) -> None:
     assert ways, f"{key}: give some role a right to it in clustermcl/link/access_control.py"
 
 
-def test_no_rule_mixes_what_may_be_written_with_what_may_be_read() -> None:
-    may_write: dict[str, set[str]] = {"put": set(), "declare_queryable": set()}
-    control = access_control([], ["worker"])
-    for rule in control["rules"]:
-        if rule["flows"] == ["ingress"]:
-            for message in may_write.keys() & set(rule["messages"]):
-                owner = rule["id"].split()[0]
-                may_write[message] |= {f"{owner} {key}" for key in rule["key_exprs"]}
-    expected = {"put": "publishes", "declare_queryable": "serves"}
-    for message, right in expected.items():
-        assert may_write[message] == {
-            f"{role} */{key}"
-            for role in ROLES
-            for key in getattr(rights_of(role, "worker-$*"), right)
-        }
-
-
 def test_the_rules_of_a_robot_name_that_robot_and_no_other() -> None:
     control = access_control(["r-1", "r-2"], ["worker"])
     for rule in control["rules"]:

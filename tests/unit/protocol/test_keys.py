@@ -12,7 +12,12 @@ from clustermcl.protocol.names import is_name
 )
 def test_a_workers_name_is_read_out_of_its_keys(name: str) -> None:
     assert is_name(name)
-    assert keys.worker_name(keys.worker_report(name)) == name
+    made = (
+        *(keys.worker_alive(name), keys.worker_order(name), keys.worker_state(name)),
+        *(keys.worker_advice(name), keys.worker_report(name), keys.worker_health(name)),
+    )
+    assert len(set(made)) == len(made)
+    assert {keys.worker_name(key) for key in made} == {name}
 
 
 @pytest.mark.parametrize(
@@ -25,15 +30,6 @@ def test_an_invalid_name_in_a_key_is_malformed_and_counted_under_a_fixed_cause(n
         keys.worker_name(keys.worker_alive(name))
     assert caught.value.cause == "malformed worker name: impossible"
     assert str(caught.value).isprintable()
-
-
-def test_every_key_of_a_worker_has_its_name() -> None:
-    made = (
-        *(keys.worker_alive("w-0"), keys.worker_order("w-0"), keys.worker_state("w-0")),
-        *(keys.worker_advice("w-0"), keys.worker_report("w-0"), keys.worker_health("w-0")),
-    )
-    assert len(set(made)) == len(made)
-    assert {keys.worker_name(key) for key in made} == {"w-0"}
 
 
 @pytest.mark.parametrize(

@@ -197,20 +197,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load_settings(tmp_path / "none.toml", [])
 
 
-@pytest.mark.parametrize("name", ["robot", "r-7", "R_7-b", "7", "x" * 64])
-def test_these_robot_names_are_valid(name: str) -> None:
-    assert load_settings(None, [f"robot.name={name}"]).robot.name == name
-
-
-@pytest.mark.parametrize(
-    "name", ["", "r/7", "*", "r$*", "@r", "r.7", "-r", "r--7", "Büro", "r 7", '"r\\n"', "x" * 65]
-)
-def test_these_robot_names_are_refused(name: str) -> None:
-    with pytest.raises(SettingsError) as caught:
-        load_settings(None, [f"robot.name={name}"])
-    message = "expected letters, digits, _ and single - between them, at most 64"
-    assert str(caught.value).startswith("--set: robot.name = ")
-    assert str(caught.value).endswith(message)
+@pytest.mark.parametrize("name", ["", "r/7", "r.7", "Büro", '"r\\n"', "x" * 65])
+def test_a_robots_name_that_is_no_part_of_a_key_is_refused(name: str) -> None:
+    rule = "expected letters, digits, _ and single - between them, at most 64"
+    assert complaint(f"robot.name={name}").endswith(rule)
+    assert load_settings(None, ["robot.name=R_7-b"]).robot.name == "R_7-b"
 
 
 def test_a_short_file_has_an_operators_settings_and_those_that_were_changed() -> None:

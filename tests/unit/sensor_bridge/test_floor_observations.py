@@ -1,4 +1,3 @@
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -6,18 +5,15 @@ import pytest
 
 from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
-from clustermcl.jobs.in_process import InProcess
-from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import LandmarksFileError
 from clustermcl.protocol.floors import Floors
 from clustermcl.protocol.steps import Observation
 from clustermcl.recordings.maps.landmarks import load_landmarks
-from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.floor_observations import in_atlas
 from clustermcl.sensor_bridge.step_maker import StepMaker
-from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.tower import tower
 
 TOWER = tower().map
@@ -69,21 +65,6 @@ def test_a_barometer_weighs_poses_by_their_floor() -> None:
     assert np.ptp(logs, axis=1) == pytest.approx(0.0, abs=1e-5)
     right = np.exp(logs[:, 0]) - 0.05  # without the share of outliers
     assert right / right.sum() == pytest.approx(list(said.values()), abs=0.01)
-
-
-def test_a_barometer_tells_look_alike_floors_apart() -> None:
-    """The robot starts in the corridor of the first floor, which looks like the second."""
-    start = FLOORS.in_atlas("first", (8.0, 0.0, 0.0))
-    process = InProcess(sensor_model(TOWER, Settings().sensor, None), Settings())
-    maker = StepMaker(BridgeSettings(), TOWER.digest, "test", floors=FLOORS)
-    said = barometer(ground=0.01, first=0.98, second=0.01)
-    for tick in islice(Simulation(tower(), 1, start=start), 60):
-        for reading in tick.readings:
-            maker.observe(said) if reading is tick.laser else None
-            if (scan := maker.on_reading(reading)) is not None:
-                outcome = process.advance(scan)
-    held = FLOORS.probabilities(map(FLOORS.place, outcome.hypotheses))
-    assert held["first"] > 0.9
 
 
 def test_landmarks_of_a_building_name_their_floor(tmp_path: Path) -> None:

@@ -28,46 +28,18 @@ def outages(*faults: tuple[Kind, float, float]) -> promises.Outages:
     return known
 
 
-def question(
-    asked_s: float, age_s: float | None, stamp_s: float = 0.0, *, fresh: bool = True
-) -> promises.Question:
-    freshness = "fresh" if fresh else "stale"
-    answer = None
-    if age_s is not None:
-        answer = messages.pose(1, freshness=freshness, stamp_ns=at(stamp_s), age_s=age_s)
-    return promises.Question(at(asked_s), at(asked_s + 0.01), answer)
-
-
-@pytest.mark.parametrize(("answers", "asked_s", "excuses", "kept"), [
-    (0, (), (), False),
-    (1998, (50.0, 50.0), (), True),
-    (1997, (50.0, 50.0, 51.0), (), False),
-    (9, (20.0,), ((Kind.ROUTER_KILLED, 19.9, 19.9),), True),
-    (9, (12.9 + promises.BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), True),
-    (9, (13.1 + promises.BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), False),
+@pytest.mark.parametrize(("asked_s", "kept"), [
+    ((50.0, 50.0), True), ((50.0, 50.0, 51.0), False),
+    ((12.9 + promises.BACK_WITHIN_S,), True), ((13.1 + promises.BACK_WITHIN_S,) * 3, False),
 ])  # fmt: skip
-def test_one_query_in_a_thousand_outside_outages_may_go_unanswered(
-    answers: int,
-    asked_s: tuple[float, ...],
-    excuses: tuple[tuple[Kind, float, float], ...],
-    kept: bool,
+def test_two_queries_in_two_thousand_outside_outages_may_go_unanswered(
+    asked_s: tuple[float, ...], kept: bool
 ) -> None:
-    promise = promises.Answered(outages(*excuses))
-    for _ in range(answers):
-        promise.on_question(question(1.0, 0.0))
-    for second in asked_s:
-        promise.on_question(question(second, None))
+    promise = promises.Answered(outages((Kind.COORDINATOR_FROZEN, 10.0, 13.0)))
+    for second in (*[1.0] * 1998, *asked_s):
+        answer = messages.pose(1) if second == 1.0 else None
+        promise.on_question(promises.Question(at(second), at(second), answer))
     assert promise.verdict().kept is kept
-
-
-def test_a_wrong_age_or_an_old_fresh_pose_breaks_the_promise() -> None:
-    for stamp_s, age_s, fresh, kept in (
-        *((9.9, 0.1, True, True), (8.5, 1.5, False, True), (8.5, 1.5, True, False)),
-        *((9.9, 3.0, False, False), (3610.0, 0.0, True, False)),
-    ):
-        promise = promises.AgeTrue(stale_after_s=1.0)
-        promise.on_question(question(10.0, age_s, stamp_s, fresh=fresh))
-        assert promise.verdict().kept is kept
 
 
 @pytest.mark.parametrize(("steps", "delay_s", "kind", "broken"), [
