@@ -24,7 +24,7 @@ from tests.soak.soak import SoakResult, run_soak
 EXIT_BROKEN, EXIT_INTERRUPTED = 1, 130
 _END_WITHIN_S = 60.0
 _KEPT = {True: "kept", False: "BROKEN", None: "no data"}
-_BREAKS_SHOWN = 3
+_BREAKS_SHOWN, _BREAKS_KEPT = 3, 200
 _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 """Fault-free time after the start, and before the end for recovery from the last fault [s]."""
 
@@ -112,7 +112,8 @@ def as_json(result: SoakResult) -> str:
         "minutes": result.at_s(result.end_ns) / 60,
         "kept": not result.is_broken,
         "promises": [
-            asdict(verdict) | {"breaks": [_text(result, one) for one in verdict.breaks]}
+            asdict(verdict)
+            | {"breaks": [_text(result, one) for one in verdict.breaks[:_BREAKS_KEPT]]}
             for verdict in result.verdicts
         ],
         "faults": [asdict(fault) | {"at_s": result.at_s(fault.at_ns)} for fault in result.faults],

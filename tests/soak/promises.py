@@ -9,8 +9,6 @@ from clustermcl.protocol.answers import Belief, PoseAnswer
 from clustermcl.protocol.message import PoseTuple
 from tests.soak.schedule import DoneFault, Kind
 
-KEPT_BREAKS = 200
-"""Breaks recorded for each promise."""
 BACK_WITHIN_S = 6.0
 """Recovery time after a fault: a process starts in 1 to 2 s, a link reconnects within 1 s, and a
 new coordinator listens before it leads."""
@@ -29,7 +27,7 @@ NO_COORDINATOR = frozenset({
 NO_NETWORK = frozenset({Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN, Kind.SLOW_NETWORK})
 NO_WORKERS = frozenset({Kind.ALL_WORKERS_KILLED})
 _REMEMBERED = 4096
-"""Scans and true poses that wait for their belief; it comes within seconds."""
+"""Scans and true poses that are kept for their belief; it comes within seconds."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class Answered:
         return Verdict(
             promise="the pose is answered",
             kept=counted > 0 and share >= ANSWERED_SHARE,
-            breaks=breaks[:KEPT_BREAKS],
+            breaks=breaks,
             figures={"share": share, "share_with_outages": with_outages, "asked": self._asked},
         )
 
@@ -139,7 +137,7 @@ class AgeTrue:
         return Verdict(
             promise="the pose's age is true",
             kept=self._checked > 0 and not wrong,
-            breaks=self._breaks[:KEPT_BREAKS],
+            breaks=self._breaks,
             figures={
                 "checked": self._checked,
                 "wrong": wrong,
@@ -190,7 +188,7 @@ class StepsOnce:
         return Verdict(
             promise="each step is decided once",
             kept=steps > 0 and not self._breaks,
-            breaks=self._breaks[:KEPT_BREAKS],
+            breaks=self._breaks,
             figures={
                 "steps": steps, "lost": self._lost, "lost_in_outages": self._excused,
                 "repeated": self._repeated, "median_s": _quantile(ordered, 0.5),
@@ -225,7 +223,6 @@ class TruthHeld:
     ) -> None:
         self._outages, self._places_of = outages, places_of
         self._truths: dict[int, tuple[PoseTuple, int]] = {}
-        self._waiting: dict[int, tuple[int, Belief]] = {}
         self._held: list[bool] = []
         self._kidnapped = 0
         self._missed_since_ns: int | None = None
@@ -243,23 +240,20 @@ class TruthHeld:
         """Take the true pose of a scan, and the number of kidnappings until then."""
         self._truths[stamp_ns] = map_from_robot, kidnapped
         _forget_oldest(self._truths)
-        if (waiting := self._waiting.pop(stamp_ns, None)) is not None:
-            self._check(*waiting, map_from_robot, kidnapped)
 
     def on_belief(self, at_ns: int, belief: Belief) -> None:
-        """Take a belief; it is checked as soon as its scan's true pose is known."""
+        """Check a belief, at the true pose that the robot published before the scan."""
         if (truth := self._truths.get(belief.stamp_ns)) is not None:
             self._check(at_ns, belief, *truth)
-            return
-        self._waiting[belief.stamp_ns] = at_ns, belief
-        _forget_oldest(self._waiting)
+        else:
+            self._unreported += 1
 
     def verdict(self, now_ns: int) -> Verdict:
         self._check_search(now_ns)
         return Verdict(
             promise="the true places are held, no wrong one is sure",
             kept=self._beliefs > 0 and not self._breaks,
-            breaks=self._breaks[:KEPT_BREAKS],
+            breaks=self._breaks,
             figures={
                 "beliefs": self._beliefs, "short": self._short,
                 "sure_and_wrong": self._sure_and_wrong,
