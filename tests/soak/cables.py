@@ -7,6 +7,7 @@ connection, and a mended link delivers everything. A new connection over a cut l
 
 import argparse
 import asyncio
+import os
 import socket
 import struct
 from collections import defaultdict
@@ -58,7 +59,7 @@ async def _relay(invocation: Invocation) -> None:
         size = _PEER_CREDENTIALS.size
         credentials = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
         cable = cables[_PEER_CREDENTIALS.unpack(credentials)[0]]
-        with suppress(OSError, asyncio.CancelledError):  # at the end, links are still open
+        with suppress(OSError):
             await cable.to_router.wait()
             far_reader, far_writer = await asyncio.open_unix_connection(given.router)
             await asyncio.gather(
@@ -80,6 +81,7 @@ async def _relay(invocation: Invocation) -> None:
         async with await asyncio.start_unix_server(join, given.listen):
             while not invocation.stop.is_set():
                 await asyncio.sleep(_LOOK_EVERY_S)
+            os._exit(0)  # asyncio would cancel the links that are still open, and log it
 
 
 async def _carry(
