@@ -36,12 +36,8 @@ def changes(
     ] = None,
     robots: opt.Robots = None,
     map_file: opt.MapOfRecording = None,
-    since: Annotated[
-        str | None, opt.option("Only what was seen in this time: s, m, h, d.", "7d")
-    ] = None,
-    output: Annotated[
-        Path | None, opt.option("Write the map with the changes.", "FILE.yaml")
-    ] = None,
+    since: Annotated[str | None, opt.option("Only what was seen since: s, m, h, d.", "7d")] = None,
+    output: Annotated[Path | None, opt.option("Write the new map.", "FILE.yaml")] = None,
     as_json: opt.AsJson = False,
 ) -> None:
     """Print what has changed in the building, and write a new map.

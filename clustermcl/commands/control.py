@@ -18,12 +18,8 @@ def set_pose(
     x_m: Annotated[float, opt.argument("X", "In the map [m].")],
     y_m: Annotated[float, opt.argument("Y", "In the map [m].")],
     heading_deg: Annotated[float, opt.argument("HEADING", "In the map, counter-clockwise [deg].")],
-    position_sigma_m: Annotated[
-        float, opt.option("Standard deviation of x and of y [m].", "M")
-    ] = 0.5,
-    heading_sigma_deg: Annotated[
-        float, opt.option("Standard deviation of HEADING [deg].", "DEG")
-    ] = 15.0,
+    position_sigma_m: Annotated[float, opt.option("Standard deviation of x, of y [m].", "M")] = 0.5,
+    heading_sigma_deg: Annotated[float, opt.option("That of HEADING [deg].", "DEG")] = 15.0,
     floor: opt.Floor = "",
 ) -> None:
     """Set the robot's pose; the heading is in degrees."""
@@ -51,9 +47,7 @@ def relocalize(
         tuple[float, float, float] | None,
         opt.option("Search only in this circle [m].", "X Y RADIUS"),
     ] = None,
-    region: Annotated[
-        str, opt.option("Search only in this region of search.regions.", "NAME")
-    ] = "",
+    region: Annotated[str, opt.option("Search only in this region.", "NAME")] = "",
     floor: opt.Floor = "",
 ) -> None:
     """Drop all places, and search everywhere or in part of the map."""

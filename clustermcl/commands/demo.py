@@ -125,7 +125,7 @@ def demo(
     view: Annotated[bool, opt.flag("--view", "Serve the live page, until Ctrl-C.")] = False,
     drive: Annotated[bool, opt.flag("--drive", "With --view: drive by the arrow keys.")] = False,
     advised: Annotated[
-        bool, opt.flag("--advised", "Drive advised ways, after a robot that wanders.")
+        bool, opt.flag("--advised", "After a robot that wanders, one advised.")
     ] = False,
     listen: opt.Listen = None,
     record: Annotated[Path | None, opt.option("Record the run (MCAP).", "FILE.mcap")] = None,

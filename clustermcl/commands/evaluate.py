@@ -91,9 +91,7 @@ def evaluate(
     settings: Settings,
     recording: Annotated[str, opt.argument("RECORDING", "Recording, sim:WORLD or sim:MAP.yaml.")],
     map_file: opt.MapOfRecording = None,
-    reference: Annotated[
-        Path | None, opt.option("Ground truth to compare with.", "FILE.tum")
-    ] = None,
+    reference: Annotated[Path | None, opt.option("Ground truth.", "FILE.tum")] = None,
     seeds: Annotated[
         int, opt.option("Number of runs; the first has the seed set.", min=1, max=MOST_RUNS)
     ] = 1,
@@ -110,9 +108,7 @@ def evaluate(
     ] = None,
     as_json: opt.AsJson = False,
     output: Annotated[Path | None, opt.option("Write a row for each run.", "FILE.csv")] = None,
-    tum: Annotated[
-        Path | None, opt.option("Write the estimates of one run for evo.", "FILE.tum")
-    ] = None,
+    tum: Annotated[Path | None, opt.option("Write the estimates for evo.", "FILE.tum")] = None,
     floor: opt.Floor = "",
 ) -> None:
     """Localize in one process, and measure the accuracy.

@@ -12,9 +12,7 @@ from clustermcl.runtime.supervisor import python_module
 @opt.given_command("router")
 def router(
     given: opt.Given,
-    config: Annotated[
-        Path | None, opt.option("Zenoh configuration (JSON5), used unchanged.", "FILE")
-    ] = None,
+    config: Annotated[Path | None, opt.option("Zenoh configuration (JSON5).", "FILE")] = None,
 ) -> None:
     """Run only the router, for several robots."""
     become("link.router", given, *([] if config is None else ["--config", str(config)]))
@@ -25,9 +23,7 @@ def worker(
     given: opt.Given,
     name: Annotated[str, opt.option("Unique name of its processes.", "NAME")],
     count: Annotated[int | None, opt.option("Number of them (worker.count).", min=1)] = None,
-    fleet: Annotated[
-        Path | None, opt.option("Serve the robots of its settings files.", "FOLDER")
-    ] = None,
+    fleet: Annotated[Path | None, opt.option("Serve the robots of its files.", "FOLDER")] = None,
 ) -> None:
     """Run more workers for a robot or a fleet, here or elsewhere."""
     if fleet is not None and any(each.startswith("robot.name=") for each in given.assignments):
@@ -51,9 +47,7 @@ def view(
     ] = None,
     map_file: opt.MapOfRecording = None,
     save: Annotated[Path | None, opt.option("Write the run as one page.", "FILE.html")] = None,
-    open_browser: Annotated[
-        bool, opt.flag("--open", "Open the page in this machine's browser.")
-    ] = False,
+    open_browser: Annotated[bool, opt.flag("--open", "Open the page in a browser here.")] = False,
     listen: opt.Listen = None,
     allow_commands: opt.AllowCommands = False,
     robots: opt.Robots = None,

@@ -35,9 +35,7 @@ def pose(settings: Settings, as_json: opt.AsJson = False) -> None:
 def hypotheses(
     settings: Settings,
     above: opt.Above = 0.0,
-    why: Annotated[
-        bool, opt.flag("--why", "And why the last step changed each probability.")
-    ] = False,
+    why: Annotated[bool, opt.flag("--why", "Also why each probability changed.")] = False,
     as_json: opt.AsJson = False,
 ) -> None:
     """Print all places where the robot may be, with probabilities."""

@@ -13,9 +13,7 @@ from clustermcl.runtime.settings_table import EVERYDAY, TABLE, settings_as_toml
 
 def settings(
     from_nav2: Annotated[Path | None, option("Convert a nav2_params.yaml.", "FILE")] = None,
-    show_all: Annotated[
-        bool, flag("--all", "Also print constants of the filter and the service.")
-    ] = False,
+    show_all: Annotated[bool, flag("--all", "Also constants of filter and service.")] = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
