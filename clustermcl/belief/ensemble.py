@@ -147,6 +147,7 @@ class Ensemble(Part, kw_only=True):
             scan: the step's scan, for the links of a building; None: there are none.
         """
         was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
+        was_elsewhere = self._is_elsewhere or not len(self.clusters)
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.deferrable)  # searches may lag
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
@@ -205,7 +206,7 @@ class Ensemble(Part, kw_only=True):
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
         given = self.clusters.given
-        self._look_elsewhere(step, had_fallen=had_fallen)
+        self._look_elsewhere(step, had_fallen=had_fallen, was_elsewhere=was_elsewhere)
         if given is not self.clusters.given:
             ledger.note("given pose fails")
         return self.outcome(step, missing, ledger)
@@ -298,7 +299,7 @@ class Ensemble(Part, kw_only=True):
         outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
         self.begin |= self.search.begin(first_step, *outside, near, corners)
 
-    def _look_elsewhere(self, step: int, *, had_fallen: bool) -> None:
+    def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
         given, fit = self.clusters.given, self.clusters.fit
         fails = given is not None and (given.is_doubted or fit.shortfall > LIFTED or self._lost)
@@ -306,7 +307,8 @@ class Ensemble(Part, kw_only=True):
             return
         if fails:
             self.clusters.give_up_given()
-        if fails or (fit.has_fallen and not had_fallen):
+        lifted = self._is_elsewhere and not was_elsewhere and not self._is_founding
+        if fails or lifted or (fit.has_fallen and not had_fallen):
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
         elif not self.search.runs and self.search.is_due(step, self._patience):
@@ -322,12 +324,6 @@ class Ensemble(Part, kw_only=True):
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
         fresh = self.search.on_reports(reports, self.clusters.job_ids)
         if fresh is None:
-            return
-        log_weight = self.search.evidence.log_weight(fresh.step, fresh.log_evidence)
-        weight = math.exp(min(log_weight, 0.0))
-        if self._is_elsewhere and weight < self.settings.belief.least_probability:
-            # It has seen scans from before the robot was lifted, and kept where that was.
-            self.events += self.search.stop(step, "search stopped")
             return
         is_over = self.search.finished(fresh, patient=self._is_patient)
         if not len(self.clusters):
@@ -370,7 +366,7 @@ class Ensemble(Part, kw_only=True):
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
         log_held = log_weight_of_held(pool, own, settings.search)
-        since = evidence.log_weight(pool.step, pool.log_evidence)
+        since = self.clusters.log_elsewhere
         log_weight = since if log_held is None else log_held
         held = [then[cluster.job_id] for cluster in clusters]
         room = self.clusters.room()
