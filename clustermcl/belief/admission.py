@@ -1,8 +1,8 @@
 """Select the places of a search that become clusters, and give their probabilities (section 4).
 
-A search explains what the belief calls elsewhere. The weight of a found place is the probability
-of elsewhere when the search began, times the likelihood of all scans since, times the place's
-share; the weight of a cluster is its probability then, times its likelihood since.
+A search explains what the belief calls elsewhere, so its places take that probability by their
+shares. Its scans count no more: they have moved elsewhere already, and an error of the map would
+repeat in each of them.
 """
 
 import math
@@ -55,7 +55,6 @@ def admission(
     is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
-    trial: float = 0.0,
     is_given: bool = False,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
@@ -74,8 +73,6 @@ def admission(
         holds_own: some clusters are places of this search; they give the search its weight.
         most: largest probability of all new clusters together, used to decide which clusters they
             may replace.
-        trial: least weight of all places together, relative to the belief, when the search is
-            over.
         is_given: a person has said where the robot is, and it is not lost, so only a place that
             stands out enters.
     """
@@ -88,7 +85,7 @@ def admission(
     explained = sum(share[is_held].tolist(), start=0.0)
     earned = math.exp(min(log_weight, MOST_LOG))
     has_trial = is_over and not holds_own
-    on_trial = max(earned, rules.candidate_probability, trial) if has_trial else earned
+    on_trial = max(earned, rules.candidate_probability) if has_trial else earned
     weight = share * np.where(is_tracked, earned, on_trial)
     least = STANDS_OUT if is_given and not holds_own else 0.0
     enough = (share > 0.0) & (share >= least) & (weight >= rules.least_probability)

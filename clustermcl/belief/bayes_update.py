@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
+from clustermcl.belief.explained import explains
 from clustermcl.belief.ledger import Ledger
 from clustermcl.filter.laser.beam_fits import fit_and_through
 from clustermcl.filter.laser.evidence_model import (
@@ -40,7 +41,7 @@ def weigh(
     beams: NDArray[np.float64] | None = None,
     new_view: float = 1.0,
     news: float = 1.0,
-    decoy: TrackReport | None = None,
+    decoy: float | None = None,
     is_evidence: bool = True,
     ledger: Ledger | None = None,
 ) -> float:
@@ -56,11 +57,11 @@ def weigh(
             NaN: unknown.
         observed_elsewhere: log average likelihood ratio of the step's observations over the
             whole map.
-        beams: (B,) what is new of the beams (`Pieces`); None: unknown, so the scan does not count.
+        beams: (B,) evidence of the beams, if they fit (`Pieces`) [nat]; None: unknown.
         new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
-        decoy: report of a job that tracks the mirrored scans; None: there is none.
+        decoy: evidence of the new beams at places of the mirrored robot [nat]; None: unknown.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
         ledger: it records which part of the update changes which log odds.
 
@@ -136,27 +137,16 @@ class _Update:
     ) -> None:
         self._held, self._reports, self._ledger = held, reports, ledger
         self._news, self._new_view = news, new_view
-        self._beams = np.zeros(0) if beams is None else beams * held.rules.piece_evidence
+        self._beams = np.zeros(0) if beams is None else beams
         self._evidence = np.array(
             [r.log_weight_sum - math.log(r.particles) if r else math.nan for r in reports]
         )
 
     @cached_property
     def _explained(self) -> dict[int, tuple[float, float, float]]:
-        """What each place explains of the new beams; see `_explains`."""
-        found = {i: self._explains(r) for i, r in enumerate(self._reports) if r}
+        """What each place explains of the new beams; see `explains`."""
+        found = {i: explains(r, self._beams) for i, r in enumerate(self._reports) if r}
         return {index: each for index, each in found.items() if each}
-
-    def _explains(self, report: TrackReport) -> tuple[float, float, float] | None:
-        """Return the evidence of the new beams at a place: all, but for, and only through walls.
-
-        None: its beams are not those of the step.
-        """
-        if len(report.fits) != len(self._beams):
-            return None
-        fits, through = fit_and_through(report.fits)
-        clear = np.where(through, 0.0, fits)
-        return tuple((np.array([fits, clear, through]) @ self._beams).tolist())
 
     def take_poses(self) -> None:
         """Take the poses of the reports; a report confirms a given pose."""
@@ -195,7 +185,7 @@ class _Update:
         each = [report.log_observed if report else best for report in self._reports]
         return np.array([*each, elsewhere, 0.0])
 
-    def log_odds_of_here(self, among: NDArray[np.float64], decoy: TrackReport | None) -> float:
+    def log_odds_of_here(self, among: NDArray[np.float64], decoy: float | None) -> float:
         """Return by how much the scan raises the log odds of the clusters against all else.
 
         Elsewhere and off the map explain as much of it as the decoy, and at least `NO_PLACE`. While
@@ -207,8 +197,8 @@ class _Update:
         clear = np.array([each for _, each, _ in explained.values()])
         here = float(np.logaddexp.reduce(belief.normalised_logs(among[list(explained)]) + clear))
         other = NO_PLACE * float(self._beams.sum())
-        if decoy is not None and (image := self._explains(decoy)) is not None:
-            other = max(other, image[1])
+        if decoy is not None:
+            other = max(other, decoy)
         elif self._held.off_map > OPEN:
             other = max(other, here)
         return here - other

@@ -6,7 +6,7 @@ step number, so it does not depend on when a message arrives.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
-from clustermcl.belief.bayes_update import OPEN, PERHAPS_LIFTED, weigh
+from clustermcl.belief.bayes_update import OPEN, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
 from clustermcl.belief.ledger import Ledger
@@ -55,9 +55,6 @@ ELSEWHERE = "e0"
 LIFTED = 16.0
 """A given place fails if the fit falls by so much at once: where a building has changed, it falls
 from scan to scan [nat]."""
-NOT_WEIGHED = 1e6
-"""Log-likelihood of a scan that most of the belief has not weighed: a search that used it has no
-evidence against the belief [nat]."""
 LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
@@ -155,7 +152,6 @@ class Ensemble(Part, kw_only=True):
         of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
         elsewhere = next(of_elsewhere, None)
         observed = elsewhere.places if elsewhere else None
-        is_weighed = self._is_weighed_by(tracks)
         new_view = self._new_view(before_from_after)
         news = 1.0
         is_given = not all(cluster.confirmed for cluster in self.clusters.all())
@@ -165,15 +161,16 @@ class Ensemble(Part, kw_only=True):
         if in_cabin:
             self.seen = ViewMemory()  # behind its doors, no floor was seen yet
         ledger = Ledger(self.clusters)
-        log_likelihood = weigh(
+        beams = self._new_of_beams(elsewhere, in_cabin=in_cabin)
+        weigh(
             self.clusters,
             tracks,
             elsewhere.log_likelihood if elsewhere else math.nan,
             observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
-            beams=self._new_of_beams(elsewhere, in_cabin=in_cabin),
+            beams=beams,
             new_view=new_view,
             news=news,
-            decoy=self.decoy.best_of(tracks),
+            decoy=None if beams is None else self.decoy.explains(tracks, beams),
             is_evidence=not in_cabin,
             ledger=ledger,
         )
@@ -183,10 +180,6 @@ class Ensemble(Part, kw_only=True):
         best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
         if own_robot_found and best < self.settings.belief.localized_probability:
             return self.relocalize(step, "own robot found")
-        if self.search.runs:
-            self.search.evidence.gather(
-                step, log_likelihood if is_weighed and not in_cabin else NOT_WEIGHED
-            )
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
@@ -210,12 +203,6 @@ class Ensemble(Part, kw_only=True):
         if given is not self.clusters.given:
             ledger.note("given pose fails")
         return self.outcome(step, missing, ledger)
-
-    def _is_weighed_by(self, reports: Mapping[str, TrackReport]) -> bool:
-        """Return whether at least half of the clusters, by probability, have reported a step."""
-        clusters = self.clusters.all()
-        held = math.fsum(cluster.probability for cluster in clusters)
-        return held <= 2.0 * math.fsum(c.probability for c in clusters if c.job_id in reports)
 
     def set_pose(self, given: Place) -> Outcome:
         """Replace the belief by a pose that an operator gave, as AMCL does.
@@ -273,13 +260,13 @@ class Ensemble(Part, kw_only=True):
     def _new_of_beams(
         self, elsewhere: ElsewhereReport | None, *, in_cabin: bool
     ) -> NDArray[np.float64] | None:
-        """Return what is new of each beam; None: unknown."""
+        """Return the evidence of each beam if it fits [nat]; None: unknown."""
         if in_cabin:
             self.pieces = Pieces()  # another floor has others
         if in_cabin or elsewhere is None or elsewhere.seen is None:
             return None
         weights, self.pieces = self.pieces.after(elsewhere.seen.array())
-        return weights
+        return weights * self.settings.belief.piece_evidence
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
         """Split clusters whose particles form several parts; these share its probability."""
@@ -358,16 +345,14 @@ class Ensemble(Part, kw_only=True):
     def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
         """Admit places that no cluster holds; their probability is taken from elsewhere.
 
-        The scans since the search began determine its weight. Once some of its places are
-        clusters, their probability determines it, and is shared with later places.
+        Once some places of the search are clusters, their probability is shared with later ones.
         """
         first_step, evidence = self.search.first_step, self.search.evidence
         then, settings = self.search.means_at(pool.step), self.settings
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
         log_held = log_weight_of_held(pool, own, settings.search)
-        since = self.clusters.log_elsewhere
-        log_weight = since if log_held is None else log_held
+        log_weight = self.clusters.log_elsewhere if log_held is None else log_held
         held = [then[cluster.job_id] for cluster in clusters]
         room = self.clusters.room()
         before = self.clusters.elsewhere
@@ -381,7 +366,6 @@ class Ensemble(Part, kw_only=True):
             is_over=is_over,
             holds_own=bool(own),
             most=most,
-            trial=PERHAPS_LIFTED if self.clusters.may_be_lifted else 0.0,
             is_given=self.clusters.on_map and not self._is_elsewhere,
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))

@@ -4,15 +4,19 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, ClassVar
 
+import numpy as np
 from msgspec import Meta, field
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from clustermcl.belief.cluster_set import Cluster
+from clustermcl.belief.explained import explains
+from clustermcl.belief.log_probabilities import normalised_logs
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.belief.search_pool import Pool, SearchPool
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.job_events import Ended, EndedCause
-from clustermcl.protocol.message import Circle, Corners, Finite, Number, PoseTuple
+from clustermcl.protocol.message import Circle, Corners, PoseTuple
 from clustermcl.protocol.work import Job, Report, SearchJob, SearchReport, TrackJob, TrackReport
 
 LOST_SEARCHES = 5
@@ -29,32 +33,14 @@ KEPT_STEPS = 100
 
 
 class SearchEvidence(Part):
-    """The evidence of scans since a search began, and the share of its places that are clusters."""
+    """The belief when a search began, and the share of its places that are clusters."""
 
     log_elsewhere: LogProbability = 0.0
     """Log of the probability, when the search began, that the robot was elsewhere."""
     log_off_map: LogProbability = -math.inf
     """Log of the probability, when the search began, that the robot was not on the map."""
-    gathered: Annotated[dict[Number, Finite], FEW] = {}
-    """Log-likelihood of all scans since the search began, up to each of the last steps."""
     explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Share of the search's places that clusters hold or that were admitted."""
-
-    def gather(self, step: int, log_likelihood: float) -> None:
-        """Add the log-likelihood of a scan, averaged over the whole belief."""
-        self.gathered[step] = next(reversed(self.gathered.values()), 0.0) + log_likelihood
-        if len(self.gathered) > KEPT_STEPS:
-            del self.gathered[next(iter(self.gathered))]
-
-    def log_weight(self, step: int, log_evidence: float) -> float:
-        """Return the log weight of all places of the search, relative to the belief.
-
-        Args:
-            step: the last step that the search has used.
-            log_evidence: log of the average likelihood of all its scans over the whole map.
-        """
-        gathered = self.gathered.get(step)
-        return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
 
     def newly_explained(self, share: float) -> float:
         """Return the share of elsewhere that is newly `explained`, at most 1."""
@@ -63,7 +49,7 @@ class SearchEvidence(Part):
 
 
 class SearchCourse(Part):
-    """The current search, if any, and the evidence of the clusters since it began."""
+    """The current search, if any, and where the clusters were at its steps."""
 
     local: ClassVar = frozenset({"settings", "mirrored", "means"})
     settings: FilterSettings = FilterSettings()
@@ -71,7 +57,7 @@ class SearchCourse(Part):
     pool: SearchPool | None = None
     """The places that the current search has found; None: no search is running."""
     evidence: SearchEvidence = field(default_factory=SearchEvidence)
-    """Log-likelihoods of the clusters since the search began."""
+    """The belief when it began."""
     begun: Count = 0
     next_step: int = 0
     """The step after which the next search is due."""
@@ -201,15 +187,25 @@ class Decoy(Part):
     def track_ids(self) -> tuple[str, ...]:
         return tuple(place.job_id for place in self.places)
 
-    def best_of(self, reports: Mapping[str, TrackReport]) -> TrackReport | None:
-        """Return the report of the decoy that the mirrored scan fits best; None: there is none."""
+    def explains(
+        self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64]
+    ) -> float | None:
+        """Return the log evidence of a scan's new beams at the decoys, averaged over them.
+
+        None: no decoy has reported. A decoy that explains more counts more from then on.
+        """
         found = [(place, reports.get(place.job_id)) for place in self.places]
-        self.places = tuple(
-            replace(place, pose=report.pose, covariance=report.covariance) if report else place
-            for place, report in found
-        )
-        fits = [r for _, r in found if r and not math.isnan(r.log_likelihood_per_beam)]
-        return max(fits, key=lambda report: report.log_likelihood_per_beam, default=None)
+        told = [(place, r, each) for place, r in found if r and (each := explains(r, beams))]
+        if not told:
+            return None
+        weighed = np.array([place.log_probability + each[1] for place, _, each in told])
+        before = np.logaddexp.reduce([place.log_probability for place, _, _ in told])
+        moved = {
+            place.cluster: replace(place, pose=r.pose, covariance=r.covariance, log_probability=log)
+            for (place, r, _), log in zip(told, normalised_logs(weighed).tolist(), strict=True)
+        }
+        self.places = tuple(moved.get(place.cluster, place) for place in self.places)
+        return float(np.logaddexp.reduce(weighed) - before)
 
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool
@@ -223,10 +219,12 @@ class Decoy(Part):
         pool = self.search.on_reports(reports, ())
         if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
             ended += self._end_tracking() + self.search.stop(step, "search over")
-            first = (self.search.begun - 1) * DECOYS
+            first, log_share = (self.search.begun - 1) * DECOYS, -math.log(DECOYS)
             for index in range(min(len(pool.share), DECOYS)):
                 found, number = pool.place(index, 1.0), first + index
-                place = Cluster(number, 0.0, step, found.pose, found.covariance, mirrored=True)
+                place = Cluster(
+                    number, log_share, step, found.pose, found.covariance, mirrored=True
+                )
                 self.places += (place,)
                 begin[place.job_id] = TrackJob(
                     cluster=number, start=found.sample, exact=False, mirrored=True

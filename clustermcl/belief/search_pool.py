@@ -58,8 +58,6 @@ class Pool:
     rows: tuple[Sequence[int], ...]
     """Rows of `views` that belong to each place, most probable first."""
     views: Views
-    log_evidence: float
-    """Log of the likelihood of all scans of the search, averaged over the free space."""
     left_out_gap: float
     """Least difference in log-likelihood between the best pose and the discarded ones [nat]."""
 
@@ -169,10 +167,10 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     """Weigh the shards by their evidence, and join places that several shards found."""
     shards = np.array([report.log_evidence for report in reports])
     log_sum = np.logaddexp.reduce(shards)
-    shard_weight, log_evidence = np.exp(shards - log_sum), float(log_sum) - math.log(len(shards))
+    shard_weight = np.exp(shards - log_sum)
     gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
     found = [report.places for report in reports]
-    return pool_of(step, found, shard_weight, settings, log_evidence, min(gaps))
+    return pool_of(step, found, shard_weight, settings, min(gaps))
 
 
 def pool_of(
@@ -180,7 +178,6 @@ def pool_of(
     found: Sequence[FoundPlaces],
     weights: NDArray[np.float64],
     settings: SearchSettings,
-    log_evidence: float = 0.0,
     left_out_gap: float = math.inf,
 ) -> Pool:
     """Merge lists of found places into one pool; each list's shares are scaled by its weight."""
@@ -193,7 +190,7 @@ def pool_of(
     joined = [(math.fsum(shares[row] for row in rows), rows) for _, rows in sorted(groups.items())]
     joined.sort(key=lambda place: -place[0])
     share, rows = tuple(share for share, _ in joined), tuple(rows for _, rows in joined)
-    return Pool(step, share, rows, views, log_evidence, left_out_gap)
+    return Pool(step, share, rows, views, left_out_gap)
 
 
 def _views(found: Sequence[FoundPlaces], shard_weight: NDArray[np.float64]) -> Views:
