@@ -26,8 +26,8 @@ OPEN = 0.02
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
 NO_PLACE = 0.2
 """Least share of what is new of a scan that a right place explains, without beams through walls."""
-SHORT_LEARNED = 0.5
-"""Weight of a new view in the share of short beams."""
+SHORT_LEARNED = 0.15
+"""Weight of a scan in the share of short beams."""
 MISSED = 0.25
 """A beam that fits less is short or through a wall."""
 
@@ -39,12 +39,11 @@ def weigh(
     *,
     observed_elsewhere: float = 0.0,
     beams: NDArray[np.float64] | None = None,
-    new_view: float = 1.0,
     news: float = 1.0,
     decoy: float | None = None,
     is_evidence: bool = True,
     ledger: Ledger | None = None,
-) -> float:
+) -> None:
     """Apply kidnapping and one Bayes update (eq. 12-17).
 
     There are two updates in turn: which cluster is right, and whether any is. A scan that fits
@@ -58,28 +57,20 @@ def weigh(
         observed_elsewhere: log average likelihood ratio of the step's observations over the
             whole map.
         beams: (B,) evidence of the beams, if they fit (`Pieces`) [nat]; None: unknown.
-        new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
         decoy: evidence of the new beams at places of the mirrored robot [nat]; None: unknown.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
         ledger: it records which part of the update changes which log odds.
-
-    Returns:
-        Log of the scan's likelihood, averaged over the belief before the scan; a hypothesis
-        outside this belief is compared with it.
     """
-    elsewhere = log_likelihood_elsewhere
-    if not held.clusters:
-        return observed_elsewhere + (0.0 if math.isnan(elsewhere) else elsewhere)
     ordered = [reports.get(job_id) for job_id in held.job_ids]
     if not any(ordered):
-        return 0.0  # nothing but evidence moves probabilities
+        return  # nothing but evidence moves probabilities
     ledger = ledger or Ledger(held)
-    update = _Update(held, ordered, news, new_view, beams, ledger)
+    update = _Update(held, ordered, news, beams, ledger)
     update.take_poses()
     if not is_evidence:
-        return 0.0
+        return
     log_here, log_there, log_off = update.kidnapped()
     among = belief.normalised_logs(held.log_probabilities()[:-2])
     ledger.note_update("lifted or brought back", among, log_here, log_there, log_off)
@@ -91,27 +82,23 @@ def weigh(
     odds = update.log_odds_of_here(among, decoy)
     misses = update.missed(among)
     if held.given is not None:
-        held.given = held.given.after(-misses, new_view)
+        held.given = held.given.after(-misses, news)
     if held.on_map:
         odds = max(odds, 0.0)
-    if not math.isnan(elsewhere):
-        fits_better = elsewhere - log_scan
+    if not math.isnan(log_likelihood_elsewhere):
+        fits_better = log_likelihood_elsewhere - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
         log_there += news * (min(fits_better, 0.0) if misses < 0.0 else fits_better)
-        log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
     if held.may_be_lifted:
         log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
     ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)
-    weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
+    here[:-2] += odds
     seen = update.observed(observed_elsewhere)
-    held.set_log_probabilities(belief.normalised_logs(weighed + seen))
+    held.set_log_probabilities(belief.normalised_logs(here + seen))
     if seen.any():
         ledger.note("observations")
-        log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
-    # Clear beams of tracked places do not lower a candidate, whose beams are not compared yet.
-    return log_scan + min(float(np.logaddexp.reduce(weighed) - np.logaddexp.reduce(here)), 0.0)
 
 
 class _Update:
@@ -121,7 +108,6 @@ class _Update:
         held: the clusters.
         reports: of each cluster; None: it has not reported.
         news: see `weigh`.
-        new_view: see `weigh`.
         beams: see `weigh`.
         ledger: see `weigh`.
     """
@@ -131,12 +117,11 @@ class _Update:
         held: ClusterSet,
         reports: Sequence[TrackReport | None],
         news: float,
-        new_view: float,
         beams: NDArray[np.float64] | None,
         ledger: Ledger,
     ) -> None:
         self._held, self._reports, self._ledger = held, reports, ledger
-        self._news, self._new_view = news, new_view
+        self._news = news
         self._beams = np.zeros(0) if beams is None else beams
         self._evidence = np.array(
             [r.log_weight_sum - math.log(r.particles) if r else math.nan for r in reports]
@@ -238,7 +223,7 @@ class _Update:
         beams, short, through = (np.exp(among) * exponents @ counts).tolist()
         gain = short * short_beam_gain(held.short, held.sensor)
         if beams > 0.0:
-            held.short += SHORT_LEARNED * self._new_view * (short / beams - held.short)
+            held.short += SHORT_LEARNED * self._news * (short / beams - held.short)
         return gain, through * through_beam_loss(held.sensor)
 
     def kidnapped(self) -> tuple[float, float, float]:

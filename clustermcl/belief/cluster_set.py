@@ -24,8 +24,8 @@ from clustermcl.protocol.message import Covariance, NotNegative, Number, NumberO
 from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from clustermcl.protocol.work import ParticleCount, Place
 
-ESTABLISHED_VIEWS = 5.0
-"""New views after which a given place that holds is right: beams that then pass through walls show
+ESTABLISHED = 15.0
+"""New scans after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
 LARGE_DOUBT = 4.0
 """Evidence of new beams against a given place after which the map is searched [nat]."""
@@ -63,15 +63,15 @@ class Cluster(msgspec.Struct, frozen=True):
 class Given(msgspec.Struct, frozen=True):
     """How a place that a person gave holds: a one-sided CUSUM test of its new beams."""
 
-    views: NotNegative = 0.0
-    """New views since then."""
+    scans: NotNegative = 0.0
+    """Scans since then, each by how new it is."""
     doubt: NotNegative = 0.0
     """Evidence of new beams against it [nat]."""
 
-    def after(self, log_odds: float, new_view: float) -> "Given":
+    def after(self, log_odds: float, news: float) -> "Given":
         """Return the test after a scan, whose new beams raise its log odds by this."""
-        doubt = max(self.doubt - log_odds, 0.0) if self.views < ESTABLISHED_VIEWS else 0.0
-        return Given(self.views + new_view, doubt)
+        doubt = max(self.doubt - log_odds, 0.0) if self.scans < ESTABLISHED else 0.0
+        return Given(self.scans + news, doubt)
 
     @property
     def is_doubted(self) -> bool:
@@ -280,7 +280,7 @@ class ClusterSet(Part):
         best = self.by_probability()[0]
         is_certain = best.probability >= self.rules.localized_probability
         if self.on_map and is_certain and best.born_step < first_step:
-            self.given = Given(ESTABLISHED_VIEWS)
+            self.given = Given(ESTABLISHED)
 
     def move(self, gains: Mapping[int, float]) -> None:
         """Add to the probabilities of clusters; negative: take from them."""

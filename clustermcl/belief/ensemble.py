@@ -70,6 +70,7 @@ class Ensemble(Part, kw_only=True):
     prior_pose: PriorPose | None = None
     """A pose from an earlier run; it is used until the first search has ended."""
     seen: ViewMemory = ViewMemory()
+    """What the places that it may be at have seen, for advice where to drive."""
     pieces: Pieces = Pieces()
     found: bool = False
     """Whether a place was found since the last search that began without any."""
@@ -152,14 +153,12 @@ class Ensemble(Part, kw_only=True):
         of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
         elsewhere = next(of_elsewhere, None)
         observed = elsewhere.places if elsewhere else None
-        new_view = self._new_view(before_from_after)
+        self._see(before_from_after)
         news = 1.0
         is_given = not all(cluster.confirmed for cluster in self.clusters.all())
         if before_from_after is not None and observed is None and not is_given:
             news = new_share(before_from_after, self.settings.cluster)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
-        if in_cabin:
-            self.seen = ViewMemory()  # behind its doors, no floor was seen yet
         ledger = Ledger(self.clusters)
         beams = self._new_of_beams(elsewhere, in_cabin=in_cabin)
         weigh(
@@ -168,7 +167,6 @@ class Ensemble(Part, kw_only=True):
             elsewhere.log_likelihood if elsewhere else math.nan,
             observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
             beams=beams,
-            new_view=new_view,
             news=news,
             decoy=None if beams is None else self.decoy.explains(tracks, beams),
             is_evidence=not in_cabin,
@@ -197,7 +195,7 @@ class Ensemble(Part, kw_only=True):
             ledger.note("found by the search")
         self._follow_decoy(step, reports)
         if self._lost and not was_lost:
-            self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
+            self.seen = ViewMemory.of_this_scan()
         given = self.clusters.given
         self._look_elsewhere(step, had_fallen=had_fallen, was_elsewhere=was_elsewhere)
         if given is not self.clusters.given:
@@ -249,13 +247,11 @@ class Ensemble(Part, kw_only=True):
 
     # --- clusters
 
-    def _new_view(self, before_from_after: Pose | None) -> float:
-        """Return the share of a scan that is a new view after this motion."""
+    def _see(self, before_from_after: Pose | None) -> None:
         if before_from_after is None:
             self.seen, before_from_after = ViewMemory(), np.zeros(3)
         rules = self.settings
-        new_view, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
-        return new_view
+        _, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
 
     def _new_of_beams(
         self, elsewhere: ElsewhereReport | None, *, in_cabin: bool
