@@ -121,7 +121,7 @@ class _Update:
         ledger: Ledger,
     ) -> None:
         self._held, self._reports, self._ledger = held, reports, ledger
-        self._news = news
+        self._news, self._per_piece = news, held.piece_evidence
         self._beams = np.zeros(0) if beams is None else beams
         self._evidence = np.array(
             [r.log_weight_sum - math.log(r.particles) if r else math.nan for r in reports]
@@ -154,12 +154,22 @@ class _Update:
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         if rules.piece_evidence > 0.0:
             evidence = np.array([self._explained.get(i, (math.nan,))[0] for i in range(len(among))])
+            self._learn(belief.updated(among, evidence))
         self._ledger.note_facts(
             fit=self._evidence - np.nanmax(self._evidence),
             counted=evidence - np.fmax.reduce(evidence),
-            new_pieces=float(self._beams.sum()) / (rules.piece_evidence or 1.0),
+            new_pieces=float(self._beams.sum()) / (self._per_piece or 1.0),
         )
         return belief.updated(among, evidence), log_scan
+
+    def _learn(self, among: NDArray[np.float64]) -> None:
+        """Learn how much of what is new the probable places explain."""
+        held, found, evidence = self._held, self._explained, self._per_piece
+        if found:
+            share = np.exp(belief.normalised_logs(among[list(found)]))
+            explained = float(share @ [each for each, _, _ in found.values()])
+            new = float(self._beams.sum())
+            held.familiarity = held.familiarity.after(new / evidence, explained / evidence)
 
     def observed(self, elsewhere: float) -> NDArray[np.float64]:
         """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.

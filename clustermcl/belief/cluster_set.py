@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
+from clustermcl.belief.familiarity import Familiarity
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
@@ -94,6 +95,8 @@ class ClusterSet(Part):
     next_cluster: Count = 0
     short: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2
     """Share of the beams that end before any obstacle, learned during the run."""
+    familiarity: Familiarity = Familiarity()
+    """How well the map explains the building."""
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
     given: Given | None = None
@@ -123,6 +126,11 @@ class ClusterSet(Part):
     def outside_clusters(self) -> float:
         """The probability that the robot is at no tracked place: on this map or off it."""
         return self.elsewhere + self.off_map
+
+    @property
+    def piece_evidence(self) -> float:
+        """Evidence of a piece of wall that fits, against one that does not [nat]."""
+        return self.familiarity.evidence(self.rules.piece_evidence)
 
     @property
     def may_be_lifted(self) -> bool:

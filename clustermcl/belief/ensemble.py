@@ -262,7 +262,7 @@ class Ensemble(Part, kw_only=True):
         if in_cabin or elsewhere is None or elsewhere.seen is None:
             return None
         weights, self.pieces = self.pieces.after(elsewhere.seen.array())
-        return weights * self.settings.belief.piece_evidence
+        return weights * self.clusters.piece_evidence
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
         """Split clusters whose particles form several parts; these share its probability."""

@@ -168,7 +168,7 @@ def pool_of(*found: tuple[float, PoseTuple], step: int, left_out_gap: float = 12
         particles=mean.astype(np.float32),
     )
     rows = tuple((row,) for row in range(count))
-    return Pool(step, tuple(share.tolist()), rows, views, 0.0, left_out_gap)
+    return Pool(step, tuple(share.tolist()), rows, views, left_out_gap)
 
 
 def tracked(

@@ -60,23 +60,21 @@ def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> Non
 def test_before_the_first_place_the_robot_is_elsewhere() -> None:
     made = ClusterSet(literal_bayes(), SensorSettings())
     assert probabilities(made) == [1.0]
-    assert weigh(made, {}, -3.0) == -3.0, "so likely is the scan wherever the robot may be"
-    assert weigh(made, {}) == 0.0
+    weigh(made, {}, -3.0)
     assert probabilities(made) == [1.0]
 
 
 def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() -> None:
     made = first(0.6, 0.3)
-    log_scan = weigh(made, reports_of(0.2, 0.1), math.log(0.05))
+    weigh(made, reports_of(0.2, 0.1), math.log(0.05))
     after = [0.6 * 0.99 * 0.2, 0.3 * 0.99 * 0.1, (0.1 * 0.99 + 0.01) * 0.05]
-    assert log_scan == pytest.approx(math.log(math.fsum(after)))
     assert probabilities(made) == pytest.approx([p / math.fsum(after) for p in after])
 
 
 def test_the_belief_of_a_standing_robot_does_not_change() -> None:
     made = first(0.6, 0.3, piece_evidence=0.7)
     for _ in range(1000):
-        weigh(made, reports_of(0.9, 0.1), 5.0, beams=np.zeros(0), new_view=0.0, news=0.0)
+        weigh(made, reports_of(0.9, 0.1), 5.0, beams=np.zeros(0), news=0.0)
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
@@ -90,7 +88,7 @@ def test_the_probability_of_a_kidnapping_scales_with_the_new_share_of_a_view() -
 
 def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
     made = first(0.6, 0.3)
-    assert weigh(made, reports_of(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
+    weigh(made, reports_of(0.2, 0.1))
     assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
 
 
@@ -99,7 +97,8 @@ def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     both, one = (first(0.6, 0.3) for _ in range(2))
     reports = reports_of(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
-    assert weigh(both, reports, -3.0) == weigh(one, reports_of(0.2, 0.1, fit=-1.0), -3.0)
+    weigh(both, reports, -3.0)
+    weigh(one, reports_of(0.2, 0.1, fit=-1.0), -3.0)
     assert probabilities(both) == probabilities(one)
 
 
@@ -133,7 +132,7 @@ def with_fits(
 def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
     """Not by those that have counted, and beams through walls are only misses."""
     made = first(0.6, 0.4, piece_evidence=2.0)
-    weigh(made, with_fits(FITS), beams=NEW)
+    weigh(made, with_fits(FITS), beams=2.0 * NEW)
     one, other, _ = probabilities(made)
     gained = 2.0 * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
     assert math.log(one / other) == pytest.approx(math.log(1.5) + gained, abs=0.01)
@@ -184,7 +183,7 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     lifted = [1.0] * 6 + [-1.0] * 4 + [0.0] * 50
     for fits, likelihood in [(at_people, 1.0)] * 40 + [(lifted, math.exp(-26.0))] * 2:
         report = tracked("c0", 1, likelihood, NORTH, fits=fits)
-        weigh(made, {"c0": report}, -17.0, beams=np.zeros(60), new_view=0.25, news=0.9)
+        weigh(made, {"c0": report}, -17.0, beams=np.zeros(60), news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
 
 

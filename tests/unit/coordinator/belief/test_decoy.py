@@ -70,15 +70,21 @@ def test_further_decoys_are_searched_for_while_off_the_map_is_uncertain(decoy: D
     assert decoy.track_ids == ("d3", "d4", "d5")
 
 
-def test_the_best_decoy_counts(decoy: Decoy) -> None:
+def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> None:
+    """Beams through walls explain nothing; of a decoy without a report nothing is known."""
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
-    fits = {"d0": -1.0, "d1": 0.3, "d2": math.nan}
-    reported = {job: tracked(job, step, 1.0, (2.0, 0.0, 0.0), fit=fit) for job, fit in fits.items()}
-    best = decoy.best_of(reported)
-    assert best.job_id == "d1"
-    assert {one.pose for one in decoy.places} == {(2.0, 0.0, 0.0)}
-    assert decoy.best_of({}) is None
+    beams, at = np.full(4, 2.0), (2.0, 0.0, 0.0)
+    fits = {"d0": [1.0] * 4, "d1": [1.0] * 2 + [-1.0] * 2}
+    reported = {job: tracked(job, step, 1.0, at, fits=each) for job, each in fits.items()}
+    first, second = math.exp(8.0), math.exp(4.0)
+    assert decoy.explains(reported, beams) == pytest.approx(math.log((first + second) / 2.0))
+    share = first / (first + second)
+    after = math.log(share * first + (1.0 - share) * second)
+    assert decoy.explains(reported, beams) == pytest.approx(after)
+    assert [one.pose for one in decoy.places].count(at) == 2
+    assert decoy.explains({}, beams) is None
+    assert decoy.explains(reported, np.zeros(3)) is None, "the beams of another scan"
 
 
 def clusters(off_map: float) -> ClusterSet:
@@ -89,8 +95,8 @@ def clusters(off_map: float) -> ClusterSet:
     return made
 
 
-BEAMS = np.full(40, 0.1)
-"""What is new of each beam in a view."""
+BEAMS = np.full(40, 0.07)
+"""Evidence of each new beam in a view [nat]."""
 
 
 def weighed(off_map: float, share: float, of_decoy: float | None) -> float:
@@ -98,9 +104,7 @@ def weighed(off_map: float, share: float, of_decoy: float | None) -> float:
     made = clusters(off_map)
     for step in range(8):
         here = {"c0": tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fits=explaining(share))}
-        image = None
-        if of_decoy is not None:
-            image = tracked("d0", step, 1.0, (0.0, 0.0, 0.0), fits=explaining(of_decoy))
+        image = None if of_decoy is None else of_decoy * float(BEAMS.sum())
         weigh(made, here, beams=BEAMS, decoy=image)
         assert made.outside_clusters + sum(c.probability for c in made.all()) == pytest.approx(1.0)
     return made.off_map
@@ -163,7 +167,7 @@ def test_walls_that_have_moved_do_not_lead_a_robot_off_the_map_whose_given_place
     made = clusters(0.001)
     made.given, made.on_map = (Given(), True) if is_given else (None, False)
     for step in range(40):
-        fits = explaining(0.9 if step < 5 else 0.05)
+        fits = explaining(0.9 if step < 16 else 0.05)
         report = tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fits=fits)
-        weigh(made, {"c0": report}, beams=BEAMS, new_view=1.0, news=0.0)
-    assert made.outside_clusters < 0.01 if is_given else made.outside_clusters > 0.99
+        weigh(made, {"c0": report}, beams=BEAMS)
+    assert made.outside_clusters < 0.05 if is_given else made.outside_clusters > 0.99

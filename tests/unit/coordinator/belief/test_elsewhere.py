@@ -140,8 +140,8 @@ def test_after_a_false_alarm_a_search_leaves_the_belief_where_it_was() -> None:
     assert not outcome.searching
 
 
-def test_a_place_weighs_by_the_scans_of_its_search_alone() -> None:
-    """B0 at the search's start x its evidence x share, against what the clusters gathered."""
+def test_a_search_is_worth_what_elsewhere_is_now() -> None:
+    """Its scans have moved elsewhere already, so they do not count again."""
     made = bootstrapped({NORTH: 0.98}, search_every_steps=1, kidnapping_probability=1e-12)
     started = made.advance(1, at_north(1, -2.0, -2.0))
     assert set(started.begin) == {"s1.0"}
@@ -149,12 +149,10 @@ def test_a_place_weighs_by_the_scans_of_its_search_alone() -> None:
     made.advance(2, at_north(2, -3.0, -4.0))
     found = searched("s1.0", 3, {SOUTH: 0.25, NORTH: 0.75}, log_evidence=-6.0)
     outcome = made.advance(3, [*at_north(3, -5.0, -5.0), found])
-    # So likely were both scans by all hypotheses together.
-    gathered = 0.98 * math.exp(-8.0) + 0.02 * math.exp(-9.0)
-    weight = 0.02 * math.exp(-6.0) * 0.25 / gathered
-    north = 0.98 * math.exp(-8.0) / gathered
-    total = north + weight  # all of the search is where clusters are, or enters
-    assert believed(outcome) == pytest.approx({0: north / total, 1: weight / total})
+    # Both hypotheses weighed both scans.
+    north, there = 0.98 * math.exp(-8.0), 0.02 * math.exp(-9.0)
+    total = north + 0.25 * there  # all of the search is where clusters are, or enters
+    assert believed(outcome) == pytest.approx({0: north / total, 1: 0.25 * there / total})
 
 
 def test_a_robot_in_a_permanently_changed_building_does_not_stay_lost() -> None:
@@ -234,8 +232,10 @@ def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended
     assert outcome.searching
     found = searched("s1.0", step + 1, {SOUTH: 1.0}, log_evidence=5.0 if better else -5.0)
     for later in range(step + 1, step + 6):
-        reports = [replace(through, step=later), elsewhere(later, -2.0), found]
-        reports.append(tracked("c2", later, math.exp(5.0 if better else -5.0), SOUTH))
+        seen = [(x, 9.0 * later) for x, _ in ends]
+        reports = [replace(through, step=later), elsewhere(later, -2.0, ends=seen), found]
+        fits = [1.0 if better else -1.0] * len(ends)
+        reports.append(tracked("c2", later, 1.0, SOUTH, fits=fits))
         outcome = made.advance(later, reports)
     assert outcome.hypotheses[0].pose == (SOUTH if better else EAST)
     assert (outcome.state, outcome.off_map_probability) == ("localized", 0.0)

@@ -1,0 +1,33 @@
+import math
+
+import pytest
+
+from clustermcl.belief.familiarity import BEST, CORRELATED, FIRST, MOST, USUAL, Familiarity
+
+
+def after(share: float, pieces: int) -> Familiarity:
+    found = Familiarity()
+    for _ in range(pieces):
+        found = found.after(1.0, share)
+    return found
+
+
+def test_a_piece_is_worth_more_where_the_map_has_explained_more() -> None:
+    worth = [after(share, 200).evidence(0.7) for share in (0.5, 0.85, 0.9, 0.99)]
+    assert worth == sorted(worth)
+    assert worth[0] == 0.7, "a map that explains little may still be the right one"
+    learned = (200 * 0.9 + FIRST * USUAL) / (200 + FIRST)
+    assert worth[2] == pytest.approx(CORRELATED * math.log(learned / (1.0 - learned)))
+    assert after(1.0, 10_000).evidence(0.7) == CORRELATED * math.log(BEST / (1.0 - BEST))
+
+
+def test_what_the_map_was_is_forgotten() -> None:
+    found = after(1.0, 10_000)
+    assert found.new == pytest.approx(MOST)
+    for _ in range(1_000):
+        found = found.after(1.0, 0.5)
+    assert found.explained / found.new == pytest.approx(0.5, abs=0.02)
+
+
+def test_without_evidence_of_pieces_familiarity_gives_none() -> None:
+    assert after(1.0, 100).evidence(0.0) == 0.0
