@@ -57,7 +57,7 @@ def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
         assert sure < 0.5, f"update {len(truths)}"
     rooms = copies_in_all_rooms(truths[-1])
     shares = [sum(p.probability for p in near(outcome.hypotheses, room, 0.5)) for room in rooms]
-    assert min(shares) > 0.05, shares
+    assert min(shares) > 0.02, shares
     assert sum(shares) > 0.9, shares
 
 
