@@ -30,12 +30,9 @@ def mounting(odom_from_robot: PoseTuple, odom_from_laser: PoseTuple) -> PoseTupl
 
 
 def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | None:
-    """Return the laser's pose on the robot, the median of all pairs.
+    """Return the laser's pose on the robot, the median of pairs of poses of robot and laser.
 
     None: there are no pairs, they disagree, a laser is too far away, or the pose is zero.
-
-    Args:
-        pairs: pose of the robot, and what may be the pose of the laser, in one frame.
     """
     try:
         mounts = np.array([mounting(robot, laser) for robot, laser in pairs])

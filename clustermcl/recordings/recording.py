@@ -149,13 +149,10 @@ def _entries(path: Path, mount: PoseTuple) -> tuple[list[Entry], list[SkippedLin
 
 
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
-    """Remove entries with wrong stamps, and all entries after the clock was set back.
+    """Return entries, and those left out: with wrong stamps, or after the clock was set back.
 
     A stamp that is out of order with a neighbour is compared with the median of the five stamps
     around it. Stamps in ascending order are kept, however long the gaps.
-
-    Returns:
-        the kept entries, and the removed ones as skipped lines.
     """
     stamps = np.array([reading.stamp_ns for _, reading in entries], np.int64)
     back = np.diff(stamps) < 0
@@ -228,13 +225,8 @@ def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
     * at least half of them are the same number, unlike measured walls,
     * the longest range is at least 8 m, and twice the median of the others.
 
-    Otherwise all ranges are measurements. If this is wrong, only beams above 99 % are affected.
-
-    Args:
-        scans: (B,) ranges of each scan [m].
-
-    Returns:
-        the limit [m]; without a marker, slightly more than the longest range.
+    Otherwise all ranges are measurements, and the limit is slightly more than the longest [m]. If
+    this is wrong, only beams above 99 % are affected.
     """
     ranges = np.concatenate([np.empty(0, np.float32), *scans])
     ranges = ranges[np.isfinite(ranges) & (ranges > 0.0)]

@@ -15,16 +15,10 @@ _ANY_NODE = ("/**", "/*")
 
 
 def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
-    """Read the parameters of the node `amcl`.
+    """Read the parameters of the node `amcl` as settings, with notes as `settings_of`.
 
-    Args:
-        path: the YAML file for nav2: parameters under ``NODE: ros__parameters:``, possibly under a
-            namespace, or under ``/**`` or ``/*`` for all nodes. As in ROS, of two values the later
-            one in the file counts, whichever is more general.
-
-    Returns:
-        Settings by their dotted names, and a line for each parameter that has no effect here, or
-        another one than in nav2, unless it has nav2's default.
+    They are under ``NODE: ros__parameters:``, also in a namespace, or for all nodes under ``/**``
+    or ``/*``. As in ROS, of two values the later one counts, whichever is more general.
 
     Raises:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
@@ -39,7 +33,10 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
 
 
 def settings_of(found: Mapping[str, Any]) -> tuple[dict[str, Value], list[str]]:
-    """Convert parameters to settings; return these, and notes as `read_nav2_params`.
+    """Convert parameters to settings, by their dotted names, and notes.
+
+    A note is a line on a parameter that has no effect here, or another one than in nav2, unless it
+    has nav2's default.
 
     Raises:
         ValueError: nav2 does not accept a value.

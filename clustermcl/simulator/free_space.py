@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from clustermcl.filter.arrays import FREE, Points, Poses
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.errors import ClusterMclError
-from clustermcl.protocol.floors import ONE_MAP, Floors
+from clustermcl.protocol.floors import Floors
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.recordings.maps.grid_map import GridMap
 
@@ -36,22 +36,13 @@ class NoRoomError(ClusterMclError):
         )
 
 
-def connected_roadmap(
-    clearance: NDArray[np.float32], cell_m: float, floors: Floors = ONE_MAP
+def _roadmap(
+    clearance: NDArray[np.float32], cell_m: float, floors: Floors
 ) -> tuple[csr_array, NDArray[np.int64]]:
-    """Build the roadmap and keep its largest connected component, or that of each floor.
+    """Return the largest connected part of the roadmap, or that of each floor.
 
-    Args:
-        clearance: (rows, cols) distance from each cell to the nearest obstacle [m].
-        cell_m: side of a cell [m].
-        floors: the floors of the map.
-
-    Returns:
-        Sparse (n, n) edge costs, which are lengths [m], increased near obstacles; and the
-        (n, 2) row and column of each node.
-
-    Raises:
-        NoRoomError: no node is free, or the component is less than 1 m long.
+    Of (rows, cols) clearances [m]: sparse (n, n) edge costs, which are lengths [m], increased near
+    obstacles; and the (n, 2) row and column of each node.
     """
     stride = max(1, round(_SPACING_M / cell_m))
     fits = clearance[stride // 2 :: stride, stride // 2 :: stride] >= CLEARANCE_M
@@ -107,7 +98,7 @@ class FreeSpace:
         self._clearance: NDArray[np.float32] = (
             distance_transform_edt(~blocked)[1:-1, 1:-1].astype(np.float32) - np.float32(0.5)
         ) * np.float32(ground.cell_m)
-        self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m, ground.floors)
+        self._graph, self._nodes = _roadmap(self._clearance, ground.cell_m, ground.floors)
 
     def clearance_m(self, x: float, y: float) -> float:
         """Return the distance from a point to the nearest obstacle, within half a cell [m].

@@ -88,14 +88,9 @@ class Lidar:
         self._robot_from_laser = np.array(model.robot_from_laser)
 
     def scan(self, map_from_robot: PoseTuple, exact: Ranges | None = None) -> NDArray[np.float64]:
-        """Simulate a scan from a pose of the robot: x [m], y [m], heading [rad].
+        """Return (beams,) ranges, counter-clockwise [m]; infinite: no return.
 
-        Args:
-            map_from_robot: the pose.
-            exact: returns ranges without noise by pose and directions; None: those of the map.
-
-        Returns:
-            (beams,) ranges, counter-clockwise [m]; infinite: no return.
+        `exact` returns ranges without noise by the laser's pose and directions; None: of the map.
         """
         model = self.model
         map_from_laser = compose(np.array(map_from_robot), self._robot_from_laser)

@@ -99,11 +99,9 @@ class Simulation:
         return Tick((first, second), laser, scan_pose, tuple(observed))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
-        """Move the robot, unseen by odometry, and return its new pose.
+        """Move the robot, unseen by odometry, to a pose or far away; return its new pose.
 
-        Args:
-            map_from_robot: the new pose: x [m], y [m], heading [rad]; the nearest free position
-                is used if the robot does not fit there. None: a random pose far away.
+        The nearest free position is used if the robot does not fit there.
         """
         pose = map_from_robot if map_from_robot is not None else self._far_pose()
         self.robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
@@ -112,9 +110,7 @@ class Simulation:
     def follow(self, way: Poses, begin: PoseTuple) -> None:
         """Drive along a way, or turn once if it has no length; then drive to random goals.
 
-        Args:
-            way: (n, 3) poses relative to the robot's pose where the way begins.
-            begin: that pose in the map.
+        Its (n, 3) poses are relative to the pose in the map where it begins.
         """
         if np.ptp(way[:, :2], axis=0).any():
             self.robot.follow(compose(np.array(begin), way)[1:, :2])

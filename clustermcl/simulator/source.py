@@ -19,13 +19,9 @@ def simulated_steps(
     *,
     steps: int | None = None,
 ) -> Iterator[tuple[Scan, PoseTuple]]:
-    """Yield the steps that a bridge would make, each with the true pose.
+    """Yield the steps that a bridge would make, each with the true pose; without `steps`, no end.
 
-    Args:
-        simulation: the robot.
-        settings: those of the bridge.
-        grid_map: the map to localize in; None: the world's own.
-        steps: their number; None: without end.
+    `grid_map` is the one to localize in; None: the world's own.
     """
     known, landmarks = grid_map or simulation.world.map, simulation.world.landmarks
     maker = StepMaker(settings, known.digest, "simulator", landmarks=landmarks, floors=known.floors)

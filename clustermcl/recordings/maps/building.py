@@ -66,11 +66,6 @@ def is_building(content: bytes) -> bool:
 def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap]) -> GridMap:
     """Read a building as one map, the atlas, with its `floors`; that of one floor is its map.
 
-    Args:
-        content: the text of the file.
-        path: the file; names of maps are relative to its folder.
-        load_map: reads the map of a floor.
-
     Raises:
         MapFileError: it is not such a file, a map cannot be read, all maps together are too large,
             or a link names an unknown floor, or a position outside of it.

@@ -76,9 +76,6 @@ def landmarks_and_entries(
     """Read a landmarks file; return its landmarks, and its entries as written.
 
     Without `floors`, positions are those on the landmarks' floors.
-
-    Raises:
-        LandmarksFileError: as for `load_landmarks`.
     """
     content = first_bytes(path, _MAX_BYTES + 1, LandmarksFileError)
     if len(content) > _MAX_BYTES:

@@ -27,11 +27,6 @@ def a_map(
     return GridMap(cells, cell_m, map_from_grid)
 
 
-def test_the_free_area_counts_free_cells_only() -> None:
-    assert a_map().grid.free_m2 == 4 * 0.25
-    assert a_map().size_m == (1.5, 1.0)
-
-
 def test_a_map_cannot_be_changed() -> None:
     cells = CELLS.copy()
     grid_map = a_map(cells)
@@ -39,6 +34,7 @@ def test_a_map_cannot_be_changed() -> None:
         grid_map.cells[0, 0] = OCCUPIED
     cells[0, 0] = OCCUPIED
     assert grid_map.cells[0, 0] == FREE
+    assert (grid_map.grid.free_m2, grid_map.size_m) == (4 * 0.25, (1.5, 1.0))
 
 
 def test_equal_maps_have_equal_digests() -> None:

@@ -27,17 +27,14 @@ def test_a_map_of_probabilities_has_walls_and_a_remark(tmp_path: Path) -> None:
     assert "up to 25 % is free, from 65 % occupied" in remark
 
 
-def test_the_last_map_on_a_topic_is_loaded(tmp_path: Path) -> None:
-    path = written(tmp_path, "mcap", [grid(S, [[-1, 0]]), scan(2 * S), grid(3 * S, CELLS)])
-    assert load_map(path).cells.shape == (2, 3)
-
-
-def test_a_costmap_is_loaded_only_by_its_name(tmp_path: Path) -> None:
+def test_the_last_map_on_a_topic_is_loaded_and_a_costmap_only_by_its_name(tmp_path: Path) -> None:
     costmap = grid(S, [[0, 0]], topic="/local_costmap/costmap")
     path = written(tmp_path, "mcap", [costmap])
     with pytest.raises(MapFileError, match=r"no map .* /local_costmap/costmap; name a map file"):
         load_map(path)
     assert load_map(f"{path}#/local_costmap/costmap").cells.shape == (1, 2)
+    sent = [costmap, grid(S, [[-1, 0]]), scan(2 * S), grid(3 * S, CELLS)]
+    assert load_map(written(tmp_path / "two", "mcap", sent)).cells.shape == (2, 3)
 
 
 def test_maps_of_two_robots_need_a_topic_name(tmp_path: Path) -> None:

@@ -194,20 +194,14 @@ def test_a_malformed_line_is_listed_and_the_rest_is_read(
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_a_packed_recording_is_read(tmp_path: Path, pack: Callable[[bytes], bytes]) -> None:
-    path = tmp_path / "log"
-    path.write_bytes(pack("\n".join(GOOD).encode()))
-    assert open_recording(path, BridgeSettings()).laser_count == 3
-
-
-@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_a_truncated_archive_is_read_up_to_its_end(
+def test_a_packed_recording_is_read_up_to_its_end(
     tmp_path: Path, pack: Callable[[bytes], bytes]
 ) -> None:
     random = np.random.default_rng(1)
     lines = [flaser(t, ranges=random.uniform(1, 5, 180).round(2).tolist()) for t in range(200)]
-    path = tmp_path / "log"
-    packed = pack("\n".join(lines).encode())
+    path, packed = tmp_path / "log", pack("\n".join(lines).encode())
+    path.write_bytes(packed)
+    assert open_recording(path, BridgeSettings()).laser_count == 200
     path.write_bytes(packed[: len(packed) // 2])
     recording = open_recording(path, BridgeSettings())
     assert 50 < recording.laser_count < 200
@@ -265,15 +259,12 @@ STAMPS = st.lists(st.integers(-(10**18), 10**18), max_size=30)
 
 
 @given(STAMPS)
-def test_corrected_times_never_decrease(stamps: list[int]) -> None:
-    assert np.all(np.diff(monotonic_times(np.array(stamps, np.int64))) >= 0)
-
-
-@given(STAMPS.filter(len))
-def test_no_stamp_is_corrected_by_more_than_the_largest_step_back(stamps: list[int]) -> None:
+def test_corrected_times_never_decrease_and_are_near_the_stamps(stamps: list[int]) -> None:
     times = np.array(stamps, np.int64)
-    largest_step_back = int((np.maximum.accumulate(times) - times).max())
-    assert np.abs(monotonic_times(times) - times).max() <= largest_step_back
+    corrected = monotonic_times(times)
+    assert np.all(np.diff(corrected) >= 0)
+    largest_step_back = (np.maximum.accumulate(times) - times).max(initial=0)
+    assert np.abs(corrected - times).max(initial=0) <= largest_step_back
 
 
 def test_a_line_with_an_impossible_stamp_is_skipped(tmp_path: Path) -> None:
@@ -284,13 +275,8 @@ def test_a_line_with_an_impossible_stamp_is_skipped(tmp_path: Path) -> None:
     assert recording.readings[-1].stamp_ns - recording.readings[0].stamp_ns == 6 * 10**9
 
 
-def test_gaps_of_any_length_are_accepted(tmp_path: Path) -> None:
-    lines = [flaser(t, ranges=RAMP) for t in (0, 229, 230, 1000, 5000)]
-    assert recording_of(tmp_path, *lines).skipped == ()
-
-
 def test_a_clock_that_restarts_ends_the_recording(tmp_path: Path) -> None:
-    once = [flaser(t, ranges=RAMP) for t in range(100, 110)]
+    once = [flaser(t, ranges=RAMP) for t in (-5000, 0, *range(102, 110))]  # gaps are accepted
     again = [flaser(t, ranges=RAMP) for t in range(5)]
     recording = recording_of(tmp_path, *once, *again)
     assert recording.laser_count == 10

@@ -321,19 +321,13 @@ def test_map_to_odom_is_not_published_without_a_place() -> None:
     assert map_from_odom(robot.drive(4 * SECOND)) == []
 
 
-def test_two_scans_of_one_time_publish_map_to_odom_once() -> None:
-    robot = Robot()
-    robot.drive(SECOND)
-    robot.believe(SECOND)
-    twice = robot.drive(2 * SECOND) + robot.scan(2 * SECOND)
-    assert len(map_from_odom(twice)) == 1
-
-
-def test_without_tf_broadcast_only_the_transform_is_missing() -> None:
-    robot = Robot(Ros2Settings(tf_broadcast=False))
-    robot.drive(SECOND)
-    assert published(robot.believe(SECOND), topics.AMCL_POSE) != []
-    assert map_from_odom(robot.drive(2 * SECOND)) == []
+def test_a_scan_is_broadcast_once_and_not_without_tf_broadcast() -> None:
+    for is_on in (True, False):
+        robot = Robot(Ros2Settings(tf_broadcast=is_on))
+        robot.drive(SECOND)
+        assert published(robot.believe(SECOND), topics.AMCL_POSE) != []
+        twice = robot.drive(2 * SECOND) + robot.scan(2 * SECOND)
+        assert len(map_from_odom(twice)) == is_on
 
 
 def test_the_pose_has_the_scans_stamp_and_the_covariance_of_ros() -> None:
@@ -475,13 +469,9 @@ def test_an_invalid_observed_pose_is_refused(message: Any, problem: str) -> None
     assert refused.detail.startswith(f"gnss: {problem}")
 
 
-def test_an_inactive_node_uses_no_observed_pose() -> None:
-    amcl = Robot(active=False).amcl
-    assert list(observe(amcl, observed(wide(1.0, 1.0, 1.0)), "gnss")) == []
-
-
 def test_a_pose_given_while_inactive_is_remembered() -> None:
     robot = Robot(active=False)
+    assert list(observe(robot.amcl, observed(wide(1.0, 1.0, 1.0)), "gnss")) == []
     message = pose_stamped(PLACE, COVARIANCE, 0, "map")
     assert list(robot.amcl.on_initial_pose(message)) == []
     (given,) = robot.amcl.activate()
@@ -498,44 +488,32 @@ def test_the_initial_pose_of_the_settings_is_given_at_activation() -> None:
     assert (given.position_sigma_m, given.covariance) == (0.5, None)
 
 
-def test_a_reset_keeps_the_pose_unless_always_reset_initial_pose_is_set() -> None:
-    for reset, outputs in ((False, []), (True, [Relocalize])):
-        amcl = Amcl(Ros2Settings(always_reset_initial_pose=reset))
-        assert list(amcl.activate()) == []
-        amcl.deactivate()
-        amcl.clean_up()
-        assert list(map(type, amcl.activate())) == outputs
-
-
-def test_while_inactive_scans_are_not_used_and_nothing_is_published() -> None:
-    robot = Robot()
+@pytest.mark.parametrize("reset", [False, True])
+def test_a_reset_keeps_pose_and_place_unless_always_reset_initial_pose_is_set(reset: bool) -> None:
+    robot = Robot(Ros2Settings(always_reset_initial_pose=reset))
     robot.drive(SECOND)
     robot.amcl.deactivate()
     assert robot.drive(2 * SECOND, (1.0, 0.0, 0.0)) == []
     assert robot.believe(SECOND) == []
-    assert list(robot.amcl.activate()) == []
+    robot.amcl.clean_up()
+    assert list(map(type, robot.amcl.activate())) == ([Relocalize] if reset else [])
     assert map_from_odom(robot.drive(3 * SECOND, (1.0, 0.0, 0.0))) != []
 
 
 # --- the map
 
 
-def test_a_map_is_returned_once_and_again_when_it_changes() -> None:
-    amcl = Amcl(Ros2Settings())
+@pytest.mark.parametrize("first_only", [False, True])
+def test_a_map_is_returned_once_and_again_when_it_changes(first_only: bool) -> None:
+    amcl = Amcl(Ros2Settings(first_map_only=first_only))
     (given,) = amcl.on_map(grid())
     assert isinstance(given, MapReading)
     np.testing.assert_array_equal(given.occupancy.array(), [[0, 100, -1], [-1, 0, 0]])
     assert given.cell_m == 0.05
     assert list(amcl.on_map(grid())) == []
-    assert len(list(amcl.on_map(grid(x=1.0)))) == 1
+    assert len(list(amcl.on_map(grid(x=1.0)))) == (not first_only)
     amcl.clean_up()
     assert len(list(amcl.on_map(grid(x=1.0)))) == 1
-
-
-def test_with_first_map_only_later_maps_are_ignored() -> None:
-    amcl = Amcl(Ros2Settings(first_map_only=True))
-    assert len(list(amcl.on_map(grid()))) == 1
-    assert list(amcl.on_map(grid(x=1.0))) == []
 
 
 def test_an_invalid_map_is_refused_and_the_next_one_used() -> None:
