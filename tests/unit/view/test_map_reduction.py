@@ -33,16 +33,13 @@ def test_a_small_map_is_not_reduced() -> None:
     assert reduced(made) is made
 
 
-def test_in_a_reduced_block_a_wall_wins_before_a_free_cell() -> None:
+def test_in_a_reduced_block_a_wall_wins_before_a_free_cell_and_the_rim_is_kept() -> None:
     cells = np.full((6, 8), -1, np.int8)
     cells[0:2, 0:2] = [[0, 0], [0, 1]]
     cells[2, 2] = 0
     made = reduced(message(cells))
     assert (made.rows, made.cols, made.cell_m) == (3, 4, 1.0)
     assert cells_of(made).tolist() == [[1, -1, -1, -1], [-1, 0, -1, -1], [-1, -1, -1, -1]]
-
-
-def test_incomplete_blocks_at_the_rim_are_kept() -> None:
     cells = np.zeros((7, 5), np.int8)
     cells[6, 4] = 1
     made = reduced(message(cells))
