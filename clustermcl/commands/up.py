@@ -45,7 +45,7 @@ def up(
     if view:
         page = ["--listen", parsed_address(listen or opt.HERE).netloc]
         page += ["--allow-commands"] if allow_commands else []
-    stop = stop_on_signals(exit_after_s=2.8)
+    stop = stop_on_signals()
     with temporary_folder() as folder:
         recorded = _recorded(settings)
         stack = Stack(recorded, folder, logs_in_folder=False, page_arguments=page)

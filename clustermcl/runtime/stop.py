@@ -79,7 +79,7 @@ class StopFlag:
             raise StoppedError
 
 
-def stop_on_signals(*, exit_after_s: float = 1.9) -> StopFlag:
+def stop_on_signals(*, exit_after_s: float = 4.5) -> StopFlag:
     """Create the flag of this process, which SIGINT and SIGTERM set.
 
     So does SIGHUP (a closed terminal), unless it is ignored as under ``nohup``.
