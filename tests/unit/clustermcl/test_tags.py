@@ -32,9 +32,8 @@ SEEDS = range(8)
 def test_one_step_after_the_first_observation_the_robot_is_found() -> None:
     found: list[bool] = []
     for seed in SEEDS:
-        after = [(belief, tick) for belief, tick, seen in beliefs(seed, SMALL, TICKS) if seen]
-        if len(after) > 1:  # some robots stay in the arms without a tag
-            belief, tick = after[1]
+        seen = (each for each in beliefs(seed, SMALL, TICKS) if each[2])
+        for belief, tick, _ in islice(seen, 1, 2):  # some robots stay in the arms without a tag
             found.append(belief.state == "localized" and is_right(belief, tick))
         if len(found) == 4:
             break

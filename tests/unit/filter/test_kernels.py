@@ -90,14 +90,12 @@ def test_a_full_disk_only_prevents_caching(tmp_path: Path) -> None:
 
 
 @compiled
-@pytest.mark.parametrize("content", [b"", b"\x00" * 64, b"cno_module_of_this_name\nname\n."])
-def test_a_kernel_whose_cache_file_is_damaged_is_compiled_again(
-    tmp_path: Path, content: bytes
-) -> None:
+def test_a_kernel_whose_cache_file_is_damaged_is_compiled_again(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     assert run_kernel(tmp_path, NUMBA_CACHE_DIR=str(cache)).stdout == "3.0\n"
     (index,) = cache.rglob("*.nbi")
-    index.write_bytes(content)
-    ran = run_kernel(tmp_path, NUMBA_CACHE_DIR=str(cache))
-    assert ran.stdout.startswith("3.0 ")
-    assert ran.stderr == ""
+    for content in (b"", b"\x00" * 64, b"cno_module_of_this_name\nname\n."):
+        index.write_bytes(content)
+        ran = run_kernel(tmp_path, NUMBA_CACHE_DIR=str(cache))
+        assert ran.stdout.startswith("3.0 "), content
+        assert ran.stderr == ""

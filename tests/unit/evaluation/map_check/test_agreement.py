@@ -117,7 +117,7 @@ def recorded(robot_from_laser: PoseTuple) -> Iterator[Scan]:
     """A robot in the hall whose laser is at MOUNT and is recorded at another pose."""
     hall = world("hall")
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=MOUNT))
-    for scan, _ in simulated_steps(robot, BridgeSettings(), steps=120):
+    for scan, _ in simulated_steps(robot, BridgeSettings(), steps=60):
         yield msgspec.structs.replace(scan, robot_from_laser=robot_from_laser)
 
 
@@ -131,7 +131,7 @@ def remarks(agreement: Agreement) -> tuple[str, ...]:
 def test_a_laser_that_sits_elsewhere_is_noticed() -> None:
     plan, settings = world("hall").map, FilterSettings()
     right = agreement_of(recorded(MOUNT), plan, settings)
-    assert right.steps == 120
+    assert right.steps == 60
     assert right.localized_share > 0.5
     assert right.fitting_share is not None
     assert right.fitting_share > 0.95
@@ -146,7 +146,7 @@ def test_a_laser_that_sits_elsewhere_is_noticed() -> None:
 
 def test_a_recording_of_another_building_is_noticed() -> None:
     cross = world("cross_feature").map
-    agreement = agreement_of(itertools.islice(recorded(MOUNT), 40), cross, FilterSettings())
+    agreement = agreement_of(itertools.islice(recorded(MOUNT), 30), cross, FilterSettings())
     assert agreement.is_of_another_map
     assert any("probably not on this map" in remark for remark in remarks(agreement))
 
