@@ -31,8 +31,6 @@ from tests.integration.running import running
 from tests.integration.waiting import wait_until
 from tests.maps import write_map
 
-PACE = 4
-"""A `Robot` drives this many times as fast as in its own time."""
 BRIDGE = "sensor_bridge"
 WORLD = "cross"
 
@@ -54,10 +52,13 @@ def with_bridge(
 
 
 class Robot:
-    """A simulated robot whose laser can fail; it knows where it really is."""
+    """A simulated robot whose laser can fail; it knows where it really is.
 
-    def __init__(self, session: zenoh.Session, world_name: str) -> None:
-        self.has_laser = True
+    It drives `pace` times as fast as in its own time.
+    """
+
+    def __init__(self, session: zenoh.Session, world_name: str, pace: int = 4) -> None:
+        self.has_laser, self._pace = True, pace
         self._simulation = Simulation(world(world_name), seed=3)
         self._odometry = Publisher(session, keys.ODOMETRY_READING)
         self._laser = Publisher(session, keys.LASER_READING)
@@ -70,7 +71,7 @@ class Robot:
         zero_ns = time.time_ns()
         for tick in self._simulation:
             for reading in tick.readings:
-                stamp_ns = zero_ns + reading.stamp_ns // PACE
+                stamp_ns = zero_ns + reading.stamp_ns // self._pace
                 if stop.wait((stamp_ns - time.time_ns()) / 1e9):
                     return
                 self._truth[stamp_ns] = tick.map_from_robot

@@ -6,6 +6,7 @@
 import os
 import signal
 import time
+from contextlib import suppress
 
 import numpy as np
 import psutil
@@ -19,6 +20,7 @@ from clustermcl.commands.stack import COORDINATOR, WORKERS
 from clustermcl.link.session import open_session
 from clustermcl.protocol import keys
 from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import RefusedError, UnreachableError
 from clustermcl.protocol.work import Particles, Reported, TrackReport, reports_in
 from clustermcl.runtime.settings import CoordinatorSettings, WorkerSettings
 from clustermcl.runtime.stop import StopFlag
@@ -34,7 +36,7 @@ DEADLINE_S = 1.0
 LIARS = [f"aa-liar-{n}" for n in range(60)]
 """Before the honest ones by name."""
 ASKED = 30
-FLOOD = 40
+FLOOD, HUGE = 40, 24
 PARTICLES = 1_000_000
 """The most that a message can carry: 32 MB."""
 
@@ -99,8 +101,16 @@ def assert_another_worker_advises(tested: System) -> None:
     pid = tested.worker_pids()[int(silent.removeprefix("worker-"))]
     os.kill(pid, signal.SIGSTOP)
     try:
-        with Client(tested.settings) as client:
-            assert client.advice().sender not in ("coordinator", silent)
+        advisers = list[str]()
+
+        def is_advised() -> bool:
+            """Ask again: on a busy machine another one may be too slow, too."""
+            with Client(tested.settings) as client, suppress(RefusedError, UnreachableError):
+                advisers.append(client.advice().sender)
+            return bool(advisers)
+
+        wait_until(is_advised)
+        assert advisers[0] not in ("coordinator", silent)
     finally:
         queryable.undeclare()
         os.kill(pid, signal.SIGCONT)
@@ -191,13 +201,18 @@ def test_reports_of_steps_far_ahead_and_huge_snapshots_are_refused_and_not_kept(
         tested.wait_until_it_tracks()
         flooder, before_mb = Flooder(tested), resident_mb(tested)
         huge = particles(np.zeros((PARTICLES, 3)))
-        for n in range(FLOOD):
+        for n in range(HUGE):
             step = (tested.step if n % 2 else 1_000_000) + n
             flooder.report(step, replace(huge, step=step))
-        for n in range(FLOOD):
-            flooder.report(2_000_000 + n)
-        wait_until(lambda: counter("report far ahead, or too many wait") >= FLOOD)
-        assert counter("snapshot with too many particles") > 0
+        wait_until(lambda: counter("snapshot with too many particles") > 0)
+
+        def are_refused() -> bool:
+            """Publish them again, for an inbox drops what comes faster than it is read."""
+            for n in range(FLOOD):
+                flooder.report(2_000_000 + n)
+            return counter("report far ahead, or too many wait") >= FLOOD
+
+        wait_until(are_refused)
         wait_until(lambda: resident_mb(tested) - before_mb < 300.0)
         step = tested.step
         wait_until(lambda: tested.step > step + 10 and tested.tracks())

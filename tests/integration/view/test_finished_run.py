@@ -53,9 +53,12 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
 
 
 def steps_in(page: str) -> list[int]:
-    """The steps that a saved page can play; test_drawn.py plays one in a browser."""
+    """The steps that a saved page can play; test_drawn.py plays one in a browser.
+
+    A step is drawn again when its scan, or the true pose, comes after its belief.
+    """
     (data,) = re.findall(r'id="saved">(.*?)</script>', page)
     saved = json.loads(data)
     past = json.loads(zlib.decompress(base64.b64decode(saved["past"])))
     assert saved["map"]["packed"]
-    return [step for step, topic, _ in past if topic == "step"]
+    return list(dict.fromkeys(step for step, topic, _ in past if topic == "step"))
