@@ -97,7 +97,7 @@ def test_the_public_host_runs_the_gates_on_every_python_that_is_named() -> None:
     assert {"run": ".ci/run"} in jobs["gates"]["steps"]
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     named = re.findall(r":: (3\.\d+)", "\n".join(project["classifiers"]))
-    assert named == ["3.11", *jobs["other-pythons"]["strategy"]["matrix"]["python"]]
+    assert set(named) <= {"3.11", *jobs["other-pythons"]["strategy"]["matrix"]["python"]}
 
 
 def test_citation_and_changelog_have_the_version() -> None:
