@@ -31,14 +31,14 @@ MAX_BEAMS = 20_000
 """No current laser has more; a larger scan is an error."""
 
 
-class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/1"):
+class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/1", gc=False):
     """An odometry pose. From a robot on ``readings/odometry``; the next one repairs a loss."""
 
     stamp_ns: Stamp
     odom_from_robot: PoseTuple
 
 
-class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
+class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1", gc=False):
     """A raw scan. From a robot on ``readings/laser``; losing one costs at most one step."""
 
     max_bytes: ClassVar[int] = SCAN_BYTES

@@ -1,6 +1,7 @@
 """Parser of CARMEN logs, the text recordings of many public data sets."""
 
 import math
+from array import array
 from collections.abc import Sequence
 
 from msgspec.structs import replace
@@ -64,7 +65,7 @@ class CarmenParser:
         self._default_mount = mount
         self._unmounted: set[int] = set()
         self._parameters: dict[str, float] = {}
-        self._logged_ns: dict[int, int] = {}
+        self._logged_ns = array("q")
         self._raw_lines: set[int] = set()
         self._pose_pairs: list[tuple[PoseTuple, PoseTuple]] = []
 
@@ -89,25 +90,33 @@ class CarmenParser:
                 return None
             case kind:
                 raise ValueError(f"unknown kind of line {kind!r:.20}")
-        self._logged_ns[line_number] = stamp_ns_of(words[-1])
+        self._logged_ns.append(stamp_ns_of(words[-1]))
         return entry
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Remove repeated scans, add the laser's mount, and choose the better clock."""
+        """Remove repeated scans, add the laser's mount, and choose the better clock.
+
+        Args:
+            entries: all that `parse` has returned, in that order.
+        """
+        # Times since 1970 that were written with six digits are all the same.
+        if len({reading.stamp_ns for _, reading in entries}) == 1 < len(set(self._logged_ns)):
+            entries = [
+                Entry(line, replace(reading, stamp_ns=logged))
+                for (line, reading), logged in zip(entries, self._logged_ns, strict=True)
+            ]
         lasers = {line for line, reading in entries if isinstance(reading, LaserReading)}
         if lasers - self._raw_lines:
             entries = [entry for entry in entries if entry.line_number not in self._raw_lines]
-        own = {reading.stamp_ns for _, reading in entries}
-        # Times since 1970 that were written with six digits are all the same.
-        by_logger = len(own) == 1 < len({self._logged_ns[line] for line, _ in entries})
-        mount = fixed_mounting(self._pose_pairs)
-        finished = []
-        for line, reading in entries:
-            changed: dict[str, object] = {"stamp_ns": self._logged_ns[line]} if by_logger else {}
-            if mount and line in self._unmounted:
-                changed["robot_from_laser"] = mount
-            finished.append(Entry(line, replace(reading, **changed)))
-        return finished
+        if (mount := fixed_mounting(self._pose_pairs)) is None:
+            return list(entries)
+        return [
+            Entry(line, replace(reading, robot_from_laser=mount))
+            if line in self._unmounted
+            else entry
+            for entry in entries
+            for line, reading in (entry,)
+        ]
 
     def _mount(self, line_number: int) -> PoseTuple:
         """Return the laser's mount from the parameters, or else the default."""

@@ -157,7 +157,8 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
     stamps = np.array([reading.stamp_ns for _, reading in entries], np.int64)
     back = np.diff(stamps) < 0
     out_of_order = np.append(back, False) | np.insert(back, 0, False)
-    lost = out_of_order & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
+    lost, at = np.zeros(len(stamps), bool), np.flatnonzero(out_of_order)
+    lost[at] = np.abs(stamps[at] - _middle_of_five(stamps, at)) > MAX_DISORDER_NS
     kept, skipped, latest_ns = list[Entry](), list[SkippedLine](), 0
     for entry, is_lost in zip(entries, lost, strict=True):
         line, stamp_ns = entry.line_number, entry.reading.stamp_ns
@@ -189,7 +190,8 @@ def merged(readings: Sequence[Reading]) -> list[Reading]:
         times[sensor] = monotonic_times(times[sensor])
     order = np.argsort(times, kind="stable")
     return [
-        readings[i] if is_laser[i] else replace(readings[i], stamp_ns=int(times[i])) for i in order
+        one if is_laser[i] or one.stamp_ns == times[i] else replace(one, stamp_ns=int(times[i]))
+        for i, one in ((i, readings[i]) for i in order.tolist())
     ]
 
 
@@ -205,13 +207,12 @@ def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(earliest_after + (latest_before - earliest_after) // 2, np.int64)
 
 
-def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (n,) medians of each stamp and two neighbours on either side; of all if n < 5."""
+def _middle_of_five(stamps: NDArray[np.int64], at: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (n,) medians of the stamps `at` and two neighbours on either side; of all if < 5."""
     if len(stamps) < 5:
-        return np.full(len(stamps), np.median(stamps) if len(stamps) else 0, np.int64)
-    windows = np.lib.stride_tricks.sliding_window_view(stamps, 5)
-    middles = np.sort(windows, axis=1)[:, 2]
-    return np.pad(middles, 2, mode="edge")
+        return np.full(len(at), np.median(stamps) if len(stamps) else 0, np.int64)
+    first = np.clip(at - 2, 0, len(stamps) - 5)
+    return np.asarray(np.sort(stamps[first[:, None] + np.arange(5)], axis=1)[:, 2])
 
 
 def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:

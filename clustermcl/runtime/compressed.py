@@ -13,7 +13,7 @@ from clustermcl.protocol.errors import InputFileError
 MAX_FILE_BYTES = 2**29
 """Longest input after decompression, five times the largest public recording: a few kilobytes of
 gzip can expand to terabytes."""
-MAX_RATIO = 100
+MAX_RATIO = 80
 """Decompressed bytes per byte of a recording: those of robots have up to 10, of one that stands
 still up to 30."""
 MAX_TEXT_BYTES = 2**24
