@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from clustermcl.protocol.errors import InputFileError
-from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, Value
+from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, ROS1_NAMES, Value
 from clustermcl.runtime.settings_file import content_of
 from clustermcl.runtime.yaml_text import yaml_of
 
@@ -43,7 +43,13 @@ def settings_of(found: Mapping[str, Any]) -> tuple[dict[str, Value], list[str]]:
     """
     values: dict[str, Value] = {}
     notes = []
-    for name, value in found.items():
+    for written, value in found.items():
+        name = ROS1_NAMES.get(written, written)
+        if name != written:
+            if name in found:
+                notes.append(f"{written} of ROS 1 has no effect: {name} is given too")
+                continue
+            notes.append(f"{written} of ROS 1 is read as {name}")
         parameter = PARAMETERS.get(name)
         if parameter is None:
             notes.append(f"{name} has no effect: AMCL has no such parameter")

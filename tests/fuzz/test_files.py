@@ -114,12 +114,13 @@ def test_a_ros_map_is_read_or_refused(folder: Path, text: bytes, pixels: bytes) 
 
 building_values = yaml_values | st.sampled_from(
     ["map.yaml", "/dev/null", "building.yaml", "{map: map.yaml, height_m: 3}", "[1, 2]",
-     "{a: [0, 0], b: [0, 0]}"]
+     "{a: [0, 0], b: [0, 0]}", "package://p/map.yaml", "package://../../map.yaml"]
 )  # fmt: skip
 LINKS = "links: [{{name: x, at: {{a: {}, b: {}}}, radius_m: {}}}]"
+LEVELS = "maps: {{a: {{yaml: {}, origin: {}}}, b: {}}}\nlinks: [{{from_point: {}}}]"
 buildings = st.builds(
     f"floors: {{{{a: {{}}, b: {{}}, {{}}: {{}}}}}}\n{LINKS}".format, *[building_values] * 7
-)
+) | st.builds(LEVELS.format, *[building_values] * 4)
 
 
 @cases(0.05)

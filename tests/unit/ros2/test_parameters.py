@@ -113,7 +113,8 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
         "/**:\n  ros__parameters: {max_beams: 10}\namcl:\n  ros__parameters: {max_beams: 90}\n",
         "amcl:\n  ros__parameters: {max_beams: 10}\n/**:\n  ros__parameters: {max_beams: 90}\n",
         "/**:\n  ros__parameters: {max_beams: 90}\n",
-        "/*:\n  ros__parameters: {max_beams: 90}\n",
+        "/*:\n  ros__parameters: {laser_max_beams: 90}\n",
+        "amcl:\n  ros__parameters: {laser_max_beams: 10, max_beams: 90}\n",
     ],
 )
 def test_a_node_is_found_in_any_namespace_and_the_last_value_counts(
@@ -125,11 +126,22 @@ def test_a_node_is_found_in_any_namespace_and_the_last_value_counts(
 @pytest.mark.parametrize(
     ("model", "ours"),
     [("differential", "differential"), ("omnidirectional", "omnidirectional"),
-     ("nav2_amcl::OmniMotionModel", "omnidirectional")],
+     ("omni-corrected", "omnidirectional"), ("nav2_amcl::OmniMotionModel", "omnidirectional")],
 )  # fmt: skip
 def test_old_names_of_models_mean_those_of_nav2(tmp_path: Path, model: str, ours: str) -> None:
     text = f"amcl:\n  ros__parameters: {{robot_model_type: {model}}}\n"
     assert read_nav2_params(write(tmp_path, text))[0]["motion.model"] == ours
+
+
+def test_names_of_ros_1_are_read_with_a_note(tmp_path: Path) -> None:
+    text = (
+        "amcl:\n  ros__parameters: {odom_alpha1: 0.25, odom_model_type: diff, laser_z_hit: 0.9}\n"
+    )
+    values, notes = read_nav2_params(write(tmp_path, text))
+    assert values["motion.turn_noise_per_turn"] == 0.5
+    assert (values["motion.model"], values["sensor.hit_weight"]) == ("differential", 0.9)
+    assert notes[0] == "odom_alpha1 of ROS 1 is read as alpha1"
+    assert len(notes) == 3
 
 
 def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -> None:
