@@ -96,10 +96,14 @@ def grid_map_of(message: Any) -> GridMap:
 
 
 def _remark(occupancy: Cells) -> str:
+    """Return a remark on a map of probabilities, with the cells between the thresholds."""
     if not np.any((occupancy > 0) & (occupancy < 100)):
         return ""
-    free, occupied = f"up to {FREE_PERCENT} % is free", f"from {OCCUPIED_PERCENT} % occupied"
-    return f"a map of probabilities: {free}, {occupied}, any other unknown"
+    known = occupancy[(occupancy >= 0) & (occupancy <= 100)]
+    free, occupied = np.sum(known <= FREE_PERCENT), np.sum(known >= OCCUPIED_PERCENT)
+    how = f"{free} cells of up to {FREE_PERCENT} % are free, {occupied} from {OCCUPIED_PERCENT} %"
+    between = len(known) - free - occupied
+    return f"a map of probabilities: {how} occupied, {between} between are unknown"
 
 
 def _malformed(problem: str) -> MalformedMessageError:

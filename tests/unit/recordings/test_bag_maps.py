@@ -21,10 +21,10 @@ def test_a_bag_s_map_is_read_by_the_thresholds_of_nav2(tmp_path: Path, form: str
 
 def test_a_map_of_probabilities_has_walls_and_a_remark(tmp_path: Path) -> None:
     """As SLAM publishes it: free from 1 % on, walls up to 98 %; AMCL would use no cell."""
-    grid_map = load_map(written(tmp_path, "mcap", [grid(S, [[1, 25, 26], [64, 65, 98]])]))
-    assert grid_map.cells.tolist() == [[0, 0, -1], [-1, 1, 1]]
+    grid_map = load_map(written(tmp_path, "mcap", [grid(S, [[1, 25, 26, -1], [64, 65, 98, 99]])]))
+    assert grid_map.cells.tolist() == [[0, 0, -1, -1], [-1, 1, 1, 1]]
     (remark,) = grid_map.remarks
-    assert "up to 25 % is free, from 65 % occupied" in remark
+    assert "2 cells of up to 25 % are free, 3 from 65 % occupied, 2 between are" in remark
 
 
 def test_the_last_map_on_a_topic_is_loaded_and_a_costmap_only_by_its_name(tmp_path: Path) -> None:
