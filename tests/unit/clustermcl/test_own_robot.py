@@ -88,7 +88,7 @@ def test_a_laser_that_sees_its_own_robot_is_found_in_the_office() -> None:
     """Without the mask the robot is lost on 98 % of the steps."""
     mcl = ClusterMCL(OFFICE.map, settings=SMALL, seed=0)
     rights, states = [], []
-    for tick in ticks(250):
+    for tick in ticks(400):
         for reading in tick.readings:
             if belief := mcl.update(Reading.of(with_posts(reading))):
                 states.append(belief.state)
