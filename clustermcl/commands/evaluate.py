@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +32,7 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import Simulated, parsed_source
 from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import opened
+from clustermcl.view import plots
 
 MOST_RUNS, MOST_JOBS = 10_000, 256
 """Limits against typing errors."""
@@ -109,6 +110,9 @@ def evaluate(
     as_json: opt.AsJson = False,
     output: Annotated[Path | None, opt.option("Write a row for each run.", "FILE.csv")] = None,
     tum: Annotated[Path | None, opt.option("Write the estimates for evo.", "FILE.tum")] = None,
+    plot: Annotated[
+        Path | None, opt.option("Draw one run: path, probability, error.", "FILE.png")
+    ] = None,
     floor: opt.Floor = "",
 ) -> None:
     """Localize in one process, and measure the accuracy.
@@ -117,12 +121,8 @@ def evaluate(
     """
     robot = msgspec.structs.replace(robot_of(recording, map_file, reference), floor=floor)
     case, seeds = case_of(robot, seeds, starts, steps)
-    if output is not None and output.suffix.lower() != ".csv":
-        raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
-    if tum is not None and max(seeds, starts or 1) > 1:
-        raise SettingsError(f"--tum {tum}: a file has one run; leave out --seeds and --starts")
-    for file in filter(None, (output, tum)):
-        check_output_file(file)
+    _check_files(output, {"--tum": tum, "--plot": plot}, max(seeds, starts or 1))
+    figure = None if plot is None else plots.new_figure((3.0, 1.0))  # raises without matplotlib
     if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:
         _log.warning("the robot drives in %s, and is given the map %s", robot.world, robot.map)
     if isinstance(robot, RecordedRobot):
@@ -135,7 +135,7 @@ def evaluate(
     if starts is not None and isinstance(robot, RecordedRobot):
         at = start_steps(known, starts, case.updates or known)
         runs = [replace(run, start_step=start) for start in at for run in runs]
-    stop, course = stop_on_signals(exit_after_s=5.0), list[str]()
+    stop, course = stop_on_signals(exit_after_s=5.0), list[plots.Drawn]()
     finished = _all_results(runs, jobs, min(known, case.updates or known), stop, course)
     results = [
         {"seed": run.seed, "start_step": run.start_step, **msgspec.structs.asdict(measures)}
@@ -150,13 +150,27 @@ def evaluate(
     if output is not None:
         _write_results(output, common, results)
     if tum is not None:
-        write_output_file(tum, "".join(course))
+        write_output_file(tum, "".join(tum_line(step.stamp_ns, step.pose) for step in course))
+    if plot is not None and course:
+        plots.draw_run(figure, runs[0].begun()[0].map, course)
+        plots.save(figure, plot)
     if as_json:
         sys.stdout.write(json.dumps({**common, "runs": results}, indent=2) + "\n")
     else:
         states = "share of the steps in each state"
         _print_tables({_title(recording, results): _POSES, states: _STATES}, results)
     stop.check()
+
+
+def _check_files(output: Path | None, of_one: Mapping[str, Path | None], runs: int) -> None:
+    if output is not None and output.suffix.lower() != ".csv":
+        raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
+    for option, file in of_one.items():
+        if file is not None and runs > 1:
+            problem = "a file has one run; leave out --seeds and --starts"
+            raise SettingsError(f"{option} {file}: {problem}")
+    for file in filter(None, (output, *of_one.values())):
+        check_output_file(file)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
@@ -244,7 +258,7 @@ def _steps_count(run: Run) -> int:
 
 
 def _all_results(
-    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, course: list[str]
+    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, course: list[plots.Drawn]
 ) -> list[RunMeasures | None]:
     """Execute the runs, in parallel if there are several, and return the measures of each.
 
@@ -257,7 +271,11 @@ def _all_results(
         def on_update(outcome: Outcome, facts: StepFacts) -> None:
             stop.check()
             progress.advance(bar)
-            course.extend(tum_line(facts.stamp_ns, best.pose) for best in outcome.hypotheses[:1])
+            error_m = facts.error.distance_m if facts.error else None
+            course.extend(
+                plots.Drawn(facts.stamp_ns, best.pose, best.probability, error_m)
+                for best in outcome.hypotheses[:1]
+            )
 
         if len(runs) == 1:
             with suppress(StoppedError):

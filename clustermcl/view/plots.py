@@ -1,9 +1,9 @@
-"""Draws maps and places with matplotlib, the extra `plots`; axes are in metres."""
+"""Draws maps, places and runs with matplotlib, the extra `plots`; axes are in metres."""
 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,14 +38,24 @@ class NoMatplotlibError(ClusterMclError, ImportError):
         super().__init__(f"a picture needs matplotlib: pip install 'clustermcl[plots]' ({error})")
 
 
-def new_figure() -> Any:
-    """Return a figure of matplotlib with axes; raises `NoMatplotlibError`."""
+class Drawn(NamedTuple):
+    """A step of a run, as `draw_run` shows it."""
+
+    stamp_ns: int
+    pose: PoseTuple
+    probability: float
+    error_m: float | None
+    """Distance from the true position; None if that is unknown."""
+
+
+def new_figure(heights: Sequence[float] = (1.0,)) -> Any:
+    """Return a figure of matplotlib with axes of these heights; raises `NoMatplotlibError`."""
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise NoMatplotlibError(error) from error
     figure = Figure(figsize=(_SIDE_INCHES, _SIDE_INCHES), layout="constrained")
-    figure.subplots()
+    figure.subplots(len(heights), height_ratios=heights)
     return figure
 
 
@@ -125,6 +135,24 @@ def draw_places(
                 percent(place.probability), (x, y), (0, 12), textcoords="offset points",
                 ha="center", color=INK, bbox={"color": "white", "alpha": 0.8, "pad": 1},
             )  # fmt: skip
+
+
+def draw_run(figure: Any, grid_map: GridMap, steps: Sequence[Drawn]) -> None:
+    """Draw the path coloured by probability on the map, and probability and error over time."""
+    above, below = figure.axes
+    draw_map(above, grid_map)
+    x, y, _ = np.array([step.pose for step in steps]).T
+    shares = [step.probability for step in steps]
+    path = above.scatter(x, y, 12, shares, cmap="viridis", vmin=0.0, vmax=1.0)
+    figure.colorbar(path, ax=above, label="probability of the estimate")
+    times = [(step.stamp_ns - steps[0].stamp_ns) / 1e9 for step in steps]
+    below.plot(times, shares, color=PALETTE[1])
+    below.set(xlabel="time [s]", ylabel="probability of the estimate", ylim=(-0.02, 1.02))
+    if any(step.error_m is not None for step in steps):
+        errors = below.twinx()
+        errors.plot(times, [step.error_m for step in steps], color=SCAN)
+        errors.set_yscale("symlog", linthresh=0.1)
+        errors.set_ylabel("position error [m]", color=SCAN)
 
 
 def draw_arrows(axes: Any, poses: Sequence[PoseTuple], size: float, **how: Any) -> None:

@@ -105,6 +105,7 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["pose", "--robot", "a b"], "--robot: robot.name = 'a b': expected letters"),
         (["pose", "--robot", "r1", "--set", "robot.name=a b"], "--set: robot.name = 'a b'"),
         (["evaluate", "sim:cross", "--seeds", "2", "--tum", "a.tum"], "leave out --seeds"),
+        (["evaluate", "sim:cross", "--starts", "2", "--plot", "a.png"], "--plot a.png: a file has"),
         (["evaluate", "sim:hall", "--reference", "r.tum"], "--reference: a simulated robot"),
         (["evaluate", "sim:hall", "--starts", "2", "--seeds", "2"], "every start of a simulated"),
         (["evaluate", "a.log"], "--map is missing: a recording needs"),

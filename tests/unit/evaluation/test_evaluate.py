@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 import pandas as pd
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from clustermcl.commands import evaluate
@@ -140,9 +141,12 @@ def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(
     assert "/nonexistent/x.csv: cannot be written: its folder" in str(refused)
 
 
-def test_a_row_of_the_output_has_the_measures_of_a_run(tmp_path: Path) -> None:
+def test_a_row_and_a_picture_have_the_measures_of_a_run(tmp_path: Path) -> None:
     words = ["evaluate", "sim:hall", "--steps", "8", "--output", str(tmp_path / "runs.csv")]
+    words += ["--plot", str(tmp_path / "run.png")]
     small = ["--set", "belief.max_clusters=4", "--set", "cluster.particles=200"]
     assert CliRunner().invoke(app, [*words, *small]).exit_code == 0
+    with Image.open(tmp_path / "run.png") as picture:
+        assert len(picture.convert("RGB").getcolors(2**24)) > 100  # path, colour bar, two curves
     (row,) = pd.read_csv(tmp_path / "runs.csv").to_dict("records")
     assert (row["recording"], row["steps"], row["localized"]) == ("sim:hall", 8, True)

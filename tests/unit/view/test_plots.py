@@ -7,7 +7,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from clustermcl.protocol.answers import Hypothesis
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.view.plots import PALETTE, draw_map, draw_places, new_figure, percent
+from clustermcl.view.plots import (
+    PALETTE,
+    Drawn,
+    draw_map,
+    draw_places,
+    draw_run,
+    new_figure,
+    percent,
+)
 from tests.unit.evaluation.places import place
 
 ROOM = np.zeros((20, 40), np.int8)
@@ -57,3 +65,21 @@ def test_a_place_is_drawn_in_its_colour_with_its_probability(
 )
 def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
     assert percent(probability) == written
+
+
+@pytest.mark.parametrize("errors_m", [[0.5, None, 0.1], [None] * 3])
+def test_a_run_is_drawn_as_path_probability_and_error(errors_m: list[float | None]) -> None:
+    poses = [(1.0, 3.0, 0.0), (2.0, 3.5, 0.1), (3.0, 4.0, 0.2)]
+    steps = [
+        Drawn(10**18 + i * 500_000_000, poses[i], (0.2, 0.6, 1.0)[i], errors_m[i]) for i in range(3)
+    ]
+    figure = new_figure((3.0, 1.0))
+    draw_run(figure, GridMap(ROOM, 0.5, (-4.0, 2.0, 0.0)), steps)
+    FigureCanvasAgg(figure).draw()
+    above, below, _bar, *errors = figure.axes
+    (path,) = above.collections
+    assert path.get_offsets().tolist() == [[x, y] for x, y, _ in poses]
+    assert path.get_array().tolist() == [0.2, 0.6, 1.0]
+    assert below.lines[0].get_xydata().tolist() == [[0.0, 0.2], [0.5, 0.6], [1.0, 1.0]]
+    drawn_m = [axes.lines[0].get_ydata().tolist() for axes in errors]
+    assert drawn_m == ([errors_m] if any(errors_m) else [])
