@@ -46,7 +46,9 @@ def view(
         Path | None, opt.argument("[FILE.mcap|FOLDER]", "A recorded run, not a running system.")
     ] = None,
     map_file: opt.MapOfRecording = None,
-    save: Annotated[Path | None, opt.option("Write the run as one page.", "FILE.html")] = None,
+    save: Annotated[
+        Path | None, opt.option("Write the run as one page, or as .rrd for Rerun.", "FILE.html")
+    ] = None,
     open_browser: Annotated[bool, opt.flag("--open", "Open the page in a browser here.")] = False,
     listen: opt.Listen = None,
     allow_commands: opt.AllowCommands = False,

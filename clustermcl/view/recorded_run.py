@@ -32,10 +32,12 @@ from clustermcl.view.live_loop import answer_browser
 from clustermcl.view.map_reduction import reduced
 from clustermcl.view.page_server import PageServer
 from clustermcl.view.picture import Picture
+from clustermcl.view.rerun_log import RerunLog
 from clustermcl.view.room import FromBrowser, Room
 from clustermcl.view.saved_page import saved_run
 from clustermcl.view.step_archive import StepArchive
 
+RERUN = ".rrd"
 KEPT_STEPS = 100_000
 KEPT_BYTES = 200_000_000
 _OF_BELIEF = (
@@ -56,7 +58,7 @@ def view_recording(
     *,
     open_browser: bool = False,
 ) -> None:
-    """Serve the page of a recorded run until Ctrl-C, or save the run as one page."""
+    """Serve the page of a recorded run until Ctrl-C, or save it: a page, or ``.rrd`` for Rerun."""
     stop = stop_on_signals()
     if not recording.exists():
         raise RecordingError(recording, os_problem(FileNotFoundError()))
@@ -71,7 +73,10 @@ def view_recording(
         named = to_message(grid_map, "recording")
     if save_file is not None:
         check_output_file(save_file)
-        write_output_file(save_file, RecordedRun(recording, named).saved())
+        if save_file.suffix == RERUN:
+            RecordedRun(recording, named, RerunLog(save_file)).read_for(math.inf)
+        else:
+            write_output_file(save_file, RecordedRun(recording, named).saved())
         return
     run = RecordedRun(recording, named)
     with PageServer(address, [run.room], open_browser=open_browser):
@@ -81,10 +86,12 @@ def view_recording(
 class RecordedRun:
     """The page of a recorded run, a run log or the folder of a flight recorder.
 
-    Draws a given map in place of that in the recording.
+    Draws a given map in place of that in the recording; `into` takes it in place of the page.
     """
 
-    def __init__(self, path: Path, grid_map: MapMessage | None) -> None:
+    def __init__(
+        self, path: Path, grid_map: MapMessage | None, into: RerunLog | None = None
+    ) -> None:
         self._inbox: Inbox[FromBrowser] = Inbox({})
         self.room = Room("recording", self._inbox.put)
         about: dict[str, Any] = {
@@ -92,7 +99,8 @@ class RecordedRun:
             "kept_steps": KEPT_STEPS,
         }  # fmt: skip
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
-        self.picture.on_link("replaying")
+        self._shown: Picture | RerunLog = into or self.picture
+        self._shown.on_link("replaying")
         self._is_map_given = grid_map is not None
         self._map: MapMessage | None = None
         if grid_map is not None:
@@ -122,7 +130,7 @@ class RecordedRun:
         for _ in self._pieces:
             if time.monotonic() >= until_s:
                 return True
-        self.picture.on_link("finished")
+        self._shown.on_link("finished")
         return False
 
     def _read(self, files: list[Path]) -> Iterator[None]:
@@ -138,9 +146,9 @@ class RecordedRun:
         if message.topic == run_log.BELIEF:
             self._on_belief(run_log.decoded(message, Belief, path))
         elif message.topic == run_log.JOB_EVENTS:
-            self.picture.on_events(run_log.decoded(message, JobEvents, path))
+            self._shown.on_events(run_log.decoded(message, JobEvents, path))
         elif message.topic == run_log.CHANGES:
-            self.picture.on_changes(run_log.decoded(message, Changes, path))
+            self._shown.on_changes(run_log.decoded(message, Changes, path))
         elif message.topic.startswith(run_log.SCAN):
             self._lasers.append(run_log.decoded(message, LaserFields, path))
         elif message.topic == run_log.GRID and not self._is_map_given:
@@ -154,14 +162,14 @@ class RecordedRun:
             self._lasers.popleft()
         if lasers:
             floors = self._map.floors if self._map else ONE_MAP
-            self.picture.on_scan(_scan(belief, lasers, floors))
-        self.picture.on_belief(belief)
-        self.picture.on_pose(best_pose(belief))
+            self._shown.on_scan(_scan(belief, lasers, floors))
+        self._shown.on_belief(belief)
+        self._shown.on_pose(best_pose(belief))
 
     def _show_map(self, grid_map: MapMessage) -> None:
         self._map = shown = reduced(grid_map)
         self.room.map = (shown.digest, shown.zlib_cells)
-        self.picture.on_map(shown)
+        self._shown.on_map(shown)
 
 
 def _scan(belief: Belief, lasers: list[LaserFields], floors: Floors) -> Scan:

@@ -1,21 +1,28 @@
 import json
+import subprocess
+import sys
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from clustermcl.belief.outcome import belief_after
 from clustermcl.evaluation.course import Case, SimulatedRobot
 from clustermcl.evaluation.run import Run
 from clustermcl.link.metrics_of_status import StatusCollector
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.run_log import RunLog, last_map
 from clustermcl.runtime.settings import Settings
 from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.admission import Address
 from clustermcl.view.frames import map_frame
 from clustermcl.view.picture import Picture
-from clustermcl.view.recorded_run import RecordedRun
+from clustermcl.view.recorded_run import RecordedRun, view_recording
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import Recordings
 from tests.unit.recordings.test_run_log import STEPS, step_scan, write_run
@@ -103,27 +110,58 @@ def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
     assert "is cut off or damaged" in caplog.text
 
 
-def test_a_recorded_building_is_drawn_in_its_atlas(tmp_path: Path) -> None:
+def test_without_rerun_the_extra_is_named(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(ClusterMclError, match=r"pip install 'clustermcl\[rerun\]'"):
+        view_recording(file, Address("", 0), save_file=tmp_path / "run.rrd")
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GridMap, PoseTuple]:
+    """A recording, its map, and the best pose of the last belief in the map's atlas."""
     case = Case(robot=SimulatedRobot(world="tower"), updates=3)
     course, steps = Run(case=case, seed=1, settings=Settings()).begun()
-    file = tmp_path / "run.mcap"
+    file = tmp_path_factory.mktemp("tower") / "run.mcap"
     with RunLog(file) as log:
         log.on_map(course.map, 0)
         for scan, outcome, _ in islice(steps, 3):
-            belief = belief_after(scan, outcome, "coordinator")
             log.on_scan(scan, scan.stamp_ns)
-            log.on_belief(belief, scan.stamp_ns)
-    assert last_map(file).floors == course.map.floors
-    run = RecordedRun(file, None)
-    run.read_for(60.0)
+            log.on_belief(belief_after(scan, outcome, "coordinator"), scan.stamp_ns)
+    return file, course.map, outcome.hypotheses[0].pose
+
+
+def test_a_recorded_building_is_drawn_in_its_atlas(
+    building: tuple[Path, GridMap, PoseTuple],
+) -> None:
+    file, grid_map, best = building
+    assert last_map(file).floors == grid_map.floors
+    run = read(RecordedRun(file, None))
     shown = run.picture.everything()
-    assert belief.floor == "ground"
-    best = outcome.hypotheses[0]
-    assert shown["step"]["places"][0]["pose"] == best.pose
-    assert shown["pose"].pose == best.pose
+    assert shown["pose"].floor == "ground"
+    assert shown["step"]["places"][0]["pose"] == best
+    assert shown["pose"].pose == best
     assert msgspec.to_builtins(shown["map"]["floors"])[0]["name"] == "ground"
     assert run._map is not None
-    assert map_frame(run._map)["floors"] == course.map.floors.floors
+    assert map_frame(run._map)["floors"] == grid_map.floors.floors
+
+
+def test_a_run_is_written_for_reruns_viewer(
+    building: tuple[Path, GridMap, PoseTuple], tmp_path: Path
+) -> None:
+    pytest.importorskip("rerun", reason="the extra rerun is not installed; .ci/run installs it")
+    file, _, (x, y, _) = building
+    saved = tmp_path / "run.rrd"
+    view_recording(file, Address("", 0), save_file=saved)
+    printed = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", saved],
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout  # fmt: skip
+    for entity in ("map", "scan", "places", "places/spread", "probability/elsewhere", "state"):
+        assert f" /{entity} " in printed
+    assert f"[[{np.float32(x)!s}, {np.float32(y)!s}, " in printed  # as in the atlas
+    assert "Scalars:scalars" in printed
 
 
 def test_floors_are_metrics() -> None:
