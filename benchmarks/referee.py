@@ -121,8 +121,8 @@ class Score(msgspec.Struct, frozen=True):
     tracked: bool
     """Whether some place is right at the last step."""
     log_score: float
-    rmse_m: float
-    """Of the best place, right or not; NaN without a truth."""
+    rmse_m: float | None
+    """Of the best place, right or not; None without a truth."""
 
 
 def score(facts: Sequence[StepFacts]) -> Score:
@@ -139,7 +139,7 @@ def score(facts: Sequence[StepFacts]) -> Score:
         log_score=float(
             np.mean([math.log(max(f.truth_probability, LEAST_PROBABILITY)) for f in facts])
         ),
-        rmse_m=math.sqrt(np.mean(np.square(errors))) if errors else math.nan,
+        rmse_m=math.sqrt(np.mean(np.square(errors))) if errors else None,
     )
 
 
@@ -433,7 +433,7 @@ def row_of(scores: Sequence[Score], *, on_map: bool) -> str:
         for name in ("sure_right", "sure_wrong", "lost", "lost_right")
     )
     tracked = sum(each.tracked for each in scores)
-    rmse = np.nanmean([each.rmse_m for each in scores])
+    rmse = np.mean([each.rmse_m or math.nan for each in scores])
     text = f"**{sr:.1f}** / {sw:.1f} / {lost:.1f} ({lost_right:.1f})"
     log_score = np.mean([each.log_score for each in scores])
     return f" {text}, {tracked} of {len(scores)}, {log_score:.2f}, {rmse:.2f} m |"

@@ -190,9 +190,11 @@ class Decoy(Part):
     def explains(
         self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64]
     ) -> float | None:
-        """Return the log evidence of a scan's new beams at the decoys, averaged over them.
+        """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
 
-        None: no decoy has reported. A decoy that explains more counts more from then on.
+        It is averaged over the decoys, where one that explains more counts more from then on, or
+        that of the decoy which the whole scan fits best, if that is less: chance seldom makes both
+        large.
         """
         found = [(place, reports.get(place.job_id)) for place in self.places]
         told = [(place, r, each) for place, r in found if r and (each := explains(r, beams))]
@@ -205,7 +207,9 @@ class Decoy(Part):
             for (place, r, _), log in zip(told, normalised_logs(weighed).tolist(), strict=True)
         }
         self.places = tuple(moved.get(place.cluster, place) for place in self.places)
-        return float(np.logaddexp.reduce(weighed) - before)
+        mean = float(np.logaddexp.reduce(weighed) - before)
+        _, _, (_, best, _) = max(told, key=lambda one: one[1].log_likelihood_per_beam)
+        return min(mean, best)
 
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool

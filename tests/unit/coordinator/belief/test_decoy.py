@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.belief.bayes_update import weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet, Given
@@ -83,6 +84,8 @@ def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> No
     after = math.log(share * first + (1.0 - share) * second)
     assert decoy.explains(reported, beams) == pytest.approx(after)
     assert [one.pose for one in decoy.places].count(at) == 2
+    better = replace(reported["d1"], log_likelihood_per_beam=1.0)
+    assert decoy.explains({**reported, "d1": better}, beams) == pytest.approx(4.0)
     assert decoy.explains({}, beams) is None
     assert decoy.explains(reported, np.zeros(3)) is None, "the beams of another scan"
 
