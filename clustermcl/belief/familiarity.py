@@ -6,8 +6,6 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from clustermcl.protocol.message import NotNegative
-
 USUAL, FIRST, MOST = 0.8, 30.0, 300.0
 """Share of a piece that a map explains at first; number of pieces after which what was seen counts
 as much as that; and number of pieces that are remembered."""
@@ -20,9 +18,9 @@ CORRELATED = 0.5
 class Familiarity(msgspec.Struct, frozen=True):
     """What is new of all scans, and what the probable places explain of it."""
 
-    new: Annotated[float, Meta(ge=0.0, le=2.0 * MOST)] = FIRST
+    new: Annotated[float, Meta(ge=FIRST, le=2.0 * MOST)] = FIRST
     """Number of pieces, the older ones forgotten."""
-    explained: NotNegative = USUAL * FIRST
+    explained: Annotated[float, Meta(ge=0.0, le=2.0 * MOST)] = USUAL * FIRST
 
     def after(self, new: float, explained: float) -> "Familiarity":
         kept = min(1.0, MOST / (self.new + new))
@@ -35,5 +33,5 @@ class Familiarity(msgspec.Struct, frozen=True):
         places, the one where one more piece fits is therefore more probable by the log odds of q.
         It is at least `least`, because a map that explains little may still be the right one.
         """
-        share = min(self.explained / self.new, BEST)
+        share = min(max(self.explained / self.new, 0.5), BEST)
         return max(least, CORRELATED * math.log(share / (1.0 - share))) if least else 0.0

@@ -1,5 +1,6 @@
 import math
 
+import msgspec
 import pytest
 
 from clustermcl.belief.familiarity import BEST, CORRELATED, FIRST, MOST, USUAL, Familiarity
@@ -27,6 +28,13 @@ def test_what_the_map_was_is_forgotten() -> None:
     for _ in range(1_000):
         found = found.after(1.0, 0.5)
     assert found.explained / found.new == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_the_evidence_of_a_piece_is_bounded_for_ever(share: float) -> None:
+    found = after(share, 100_000)
+    again = msgspec.msgpack.decode(msgspec.msgpack.encode(found), type=Familiarity)
+    assert 0.7 <= again.evidence(0.7) <= CORRELATED * math.log(BEST / (1.0 - BEST))
 
 
 def test_without_evidence_of_pieces_familiarity_gives_none() -> None:
