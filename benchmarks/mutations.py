@@ -42,8 +42,9 @@ ROOT = Path(__file__).parents[1]
 REASONS = Path(__file__).with_name("mutation_reasons.toml")
 LEFT_OUT = {"__init__", "arrays", "compiled", "settings"}
 """No decisions in them: types, the compiler's door, defaults that the experiments hold."""
-TESTS = ("filter", "coordinator/belief", "oracle", "worker/test_job",
-         "coordinator/test_handed_on_beliefs.py")  # fmt: skip
+TESTS = ("filter", "coordinator/belief", "coordinator/test_coordinator.py",
+         "coordinator/test_free_ground.py", "coordinator/test_handed_on_beliefs.py",
+         "coordinator/test_pose_tracker.py", "changes", "oracle", "worker/test_job")  # fmt: skip
 SLOW = ("test_kernels.py", "test_kernels_as_plain_python.py")
 """They start processes and test the compiler's cache."""
 NEAR = 2
@@ -232,6 +233,8 @@ def prepared(folder: Path, paths: set[str]) -> None:
             continue
         shutil.copytree(package.parent, tree / package.parent.name)
     shutil.copy(ROOT / "pyproject.toml", tree)
+    (tree / "docs").mkdir()
+    shutil.copy(ROOT / "docs/belief.md", tree / "docs")  # a test reads which settings it names
     tests = sorted({test for path in paths for test in tests_near(tree, path)})
     process = mp.get_context("fork").Process(target=run, args=(tree, "", None, tests))
     process.start()
