@@ -11,6 +11,8 @@ from clustermcl.filter.laser.sensor_model import LaserScan, usable_beams
 
 LEAST_M, MOST_M = 1.0, 10.0
 """Shortest and longest way [m]."""
+_BESIDE_M = 1e-9
+"""A hit exactly beside the robot counts as ahead, however its place is rounded [m]."""
 _LANES = 72
 _STEP_M = 0.2
 
@@ -35,7 +37,7 @@ def unseen_way(laser: LaserScan, seen: ViewMemory, radius_m: float, roads: Roads
     ahead = np.column_stack([np.cos(bearings), np.sin(bearings)])
     hits, left = _hits(laser).T, np.column_stack([-ahead[:, 1], ahead[:, 0]])
     along, across = ahead @ hits, left @ hits
-    in_lane = (np.abs(across) < wide_m) & (along > 0.0)
+    in_lane = (np.abs(across) < wide_m) & (along > -_BESIDE_M)
     first_m = np.where(in_lane, along, np.inf).min(axis=1, initial=np.inf)
     free_m = np.minimum(np.where(np.isfinite(first_m), first_m - wide_m, 0.0), MOST_M)
     steps = np.arange(1, round(MOST_M / _STEP_M) + 1) * _STEP_M

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
@@ -62,6 +62,12 @@ def test_the_way_is_also_free_at_the_possible_places() -> None:
     assert np.all(FLATS[cells[:, 0], cells[:, 1]] == 0)
 
 
+BESIDE = np.full(180, 3.0)
+BESIDE[[165, 74]] = 0.5, 1.0
+"""A hit exactly beside the way that the others leave free."""
+
+
+@example(ranges=BESIDE, views=[], radius_m=1.0)
 @given(
     ranges=arrays(np.float64, 180, elements=st.floats(-1.0, 15.0) | st.just(math.nan)),
     views=st.lists(st.tuples(*[st.floats(-20.0, 20.0)] * 3), max_size=8),
