@@ -48,7 +48,10 @@ class PositionFix(Kind):
 
     def draw(self, landmarks: Landmarks, grid: Grid, count: int, rng: np.random.Generator) -> Poses:
         poses = rng.uniform(-math.pi, math.pi, (count, 3))
-        poses[:, : len(self.mean)] = rng.multivariate_normal(self.mean, self.covariance, count)
+        # Messages are checked: their covariances may be a little less symmetric than numpy wants.
+        poses[:, : len(self.mean)] = rng.multivariate_normal(
+            self.mean, self.covariance, count, check_valid="ignore"
+        )
         poses[:, 2] = wrap_angle(poses[:, 2])
         return poses
 

@@ -83,7 +83,8 @@ class Sighting(Kind):
         poses, odds = rng.uniform(-math.pi, math.pi, (count, 3)), self._factors(landmarks)
         chosen = rng.choice(len(odds), count, p=odds / odds.sum())
         spread = rng.normal(size=(count, 2)) * np.sqrt(landmarks.variances[chosen, None])
-        x, y = (rng.multivariate_normal(self.mean, self.covariance, count) + spread).T
+        seen = rng.multivariate_normal(self.mean, self.covariance, count, check_valid="ignore")
+        x, y = (seen + spread).T
         cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         from_robot = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
         poses[:, :2] = landmarks.positions[chosen] - from_robot

@@ -52,6 +52,12 @@ def exact_ratio(pose: Array, seen: Kind, marks: Landmarks = LANDMARKS) -> float:
     return total / nothing
 
 
+@pytest.mark.parametrize("kind", ["position", "id"])
+def test_poses_are_drawn_of_a_covariance_as_lopsided_as_messages_may_have_it(kind: str) -> None:
+    lopsided = replace(KINDS[kind], covariance=np.array([[1.0, 5e-7], [0.0, 1.0]]))
+    assert np.isfinite(lopsided.draw(LANDMARKS, GRID, 100, np.random.default_rng(1))).all()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
     poses = np.random.default_rng(1).uniform((0, 0, -4), (10, 8, 4), (200, 3))
