@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from clustermcl.protocol.errors import MapFileError as MapFileError
     from clustermcl.protocol.errors import RecordingError as RecordingError
     from clustermcl.protocol.errors import SettingsError as SettingsError
-    from clustermcl.protocol.errors import StateFileError as StateFileError
     from clustermcl.protocol.errors import UnreachableError as UnreachableError
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
@@ -47,7 +46,7 @@ _NAMES = {
     "clustermcl.protocol.answers": ("Hypothesis",),
     "clustermcl.protocol.errors": (
         "ClusterMclError", "CommandRefusedError", "LandmarksFileError", "MalformedMessageError",
-        "MapFileError", "RecordingError", "SettingsError", "StateFileError", "UnreachableError",
+        "MapFileError", "RecordingError", "SettingsError", "UnreachableError",
     ),
     "clustermcl.recordings.maps.map_file": ("load_map",),
 }  # fmt: skip

@@ -8,7 +8,6 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -20,8 +19,7 @@ from clustermcl.belief.free_ground import FreeGround
 from clustermcl.belief.outcome import Outcome, belief_after
 from clustermcl.belief.pose_tracker import recent_odometry
 from clustermcl.changes.collector import ChangeCollector
-from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.in_process import InProcess, InProcessState
+from clustermcl.jobs.in_process import InProcess
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol import answers
@@ -30,43 +28,24 @@ from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause, Cause, Named, key_of
 from clustermcl.protocol.changes import Changes
-from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.conversion import decoded
-from clustermcl.protocol.errors import CommandRefusedError, StateFileError
+from clustermcl.protocol.errors import CommandRefusedError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import checked_pose
 from clustermcl.protocol.steps import Landmark, LaserReading, Observation, PositionField, Scan
 from clustermcl.readings import Reading
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.robot_commands import RobotCommands
-from clustermcl.runtime.compressed import os_problem
 from clustermcl.runtime.folders import kept_folder
-from clustermcl.runtime.output_files import write_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
-from clustermcl.runtime.settings_table import TABLE, value_of
 from clustermcl.sensor_bridge.step_maker import StepMaker
 
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
-_STATE_VERSION = 5
 _FULL_TURN = Named("heading beyond a full turn")
 _FARTHEST_M = 100.0
 """Walls are nearer, or inside of the map."""
-MAX_STATE_BYTES = 2**28
-"""Limit for the file of a saved state; 64 places of 100,000 particles each fit into it."""
-
-
-class _SavedState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    version: int
-    map_digest: str
-    settings: dict[str, bool | int | float | str]
-    """Settings of the filter, by their dotted names."""
-    filter: InProcessState
-    odometry: tuple[int, PoseTuple]
-    """Stamp [ns] and pose of the newest odometry."""
-    commands: Commands
 
 
 class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
@@ -314,58 +293,6 @@ class ClusterMCL(RobotCommands):
         self._collector = ChangeCollector(self.map)
         self.belief: Belief | None = None
 
-    def save(self, file: Path | str) -> None:
-        """Write a file from which `load` continues: places, particles, and a running search.
-
-        Scans that have not made a step yet are not saved.
-
-        Raises:
-            OutputError: the file cannot be written.
-            ValueError: there has been no step yet.
-        """
-        filter_state = self._filter.state
-        scan = filter_state.applied
-        state = _SavedState(
-            version=_STATE_VERSION,
-            map_digest=self.map.digest,
-            settings=_filter_settings(self._settings),
-            filter=filter_state,
-            odometry=self._maker.odometry or (scan.stamp_ns, scan.odom_from_robot),
-            commands=self._commands,
-        )
-        write_output_file(Path(file), with_checksum(msgspec.msgpack.encode(state)))
-
-    def load(self, file: Path | str) -> None:
-        """Continue from a file that `save` has written; equal readings then give equal beliefs.
-
-        The origin of odometry must be the same as when the state was saved. After a restart of
-        the robot it is not: use `set_pose` with the last pose instead.
-
-        Raises:
-            StateFileError: the file is unreadable, damaged, of another version or map, or made
-                with other settings of the filter. This object is unchanged.
-        """
-        path = Path(file)
-        state = _read_state(path)
-        if state.map_digest != self.map.digest:
-            problem = f"of map {state.map_digest:.12}, but the map here is {self.map.digest:.12}"
-            raise StateFileError(path, problem)
-        ours, theirs = _filter_settings(self._settings), state.settings
-        if different := sorted(n for n in {*ours, *theirs} if ours.get(n) != theirs.get(n)):
-            raise StateFileError(path, f"made with other settings: {', '.join(different)}")
-        try:
-            resumed = InProcess.resumed(self._model, self._settings, state.filter)
-        except ValueError as error:
-            raise StateFileError(path, f"not a state: {error}") from None
-        self._filter, scan = resumed, state.filter.applied
-        self._maker = StepMaker(self._settings.bridge, self.map.digest, _SENDER)
-        self._maker.change_map(self.map.digest, self.map.landmarks, self.map.floors)
-        self._maker.resume(scan, state.odometry)
-        self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
-        self._commands, self._odometry = state.commands, recent_odometry()
-        self._odometry.add(*state.odometry)
-        self._set_belief(resumed.ensemble.outcome(scan.step), scan)
-
     def advice(self, *, radius_m: float = USUAL_RADIUS_M) -> Advice:
         """Return ways for the robot to drive so that scans distinguish its possible places.
 
@@ -426,26 +353,3 @@ def _check_map(grid_map: object) -> None:
     if not isinstance(grid_map, GridMap):
         problem = f"the map is {grid_map!r}, a {type(grid_map).__name__}"
         raise TypeError(f"{problem}: give a GridMap, such as load_map('map.yaml')")
-
-
-def _filter_settings(settings: Settings) -> dict[str, bool | int | float | str]:
-    """Return the settings of the filter by their dotted names."""
-    sections = FilterSettings.__struct_fields__
-    return {name: value_of(settings, name) for name in TABLE if name.partition(".")[0] in sections}
-
-
-def _read_state(path: Path) -> _SavedState:
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_STATE_BYTES + 1)
-        if len(data) > MAX_STATE_BYTES:
-            raise ValueError(f"larger than {MAX_STATE_BYTES} bytes")
-        state = decoded(without_checksum(data), _SavedState)
-    except OSError as error:
-        raise StateFileError(path, os_problem(error)) from None
-    except (ValueError, RecursionError) as error:  # msgspec's errors are among them
-        raise StateFileError(path, f"not a state: {error}") from None
-    if state.version != _STATE_VERSION:
-        problem = f"version {state.version}, expected {_STATE_VERSION}"
-        raise StateFileError(path, f"not a state: {problem}")
-    return state

@@ -4,15 +4,12 @@ With the same seed and scans its beliefs are exactly those of the processes that
 Zenoh; a test compares the two. `clustermcl evaluate` and the library use it.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 
-import msgspec
 import numpy as np
 
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.outcome import Outcome
-from clustermcl.belief.part import successor_of
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.poses import between
@@ -20,7 +17,7 @@ from clustermcl.filter.settings import FilterSettings, filter_with
 from clustermcl.jobs.jobs import RunningJob, Tracking, running
 from clustermcl.jobs.scan_arrays import ScanArrays
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import Assignment, Job, Report, SearchJob
+from clustermcl.protocol.work import Assignment, Job, Report
 
 
 def outcomes(
@@ -30,16 +27,6 @@ def outcomes(
     process = InProcess(model, settings)
     for scan in scans:
         yield scan, process.advance(scan)
-
-
-class InProcessState(msgspec.Struct, frozen=True):
-    """The complete state after a step, including particles."""
-
-    ensemble: Ensemble
-    jobs: tuple[Assignment, ...]
-    searched: tuple[Scan, ...]
-    """Scans since the first of the running searches began; a resumed one takes its own again."""
-    applied: Scan
 
 
 class InProcess:
@@ -54,7 +41,6 @@ class InProcess:
         self.ensemble = Ensemble.of(settings)
         self._jobs: dict[str, RunningJob] = {}
         self._arrays = ScanArrays()
-        self._searched: list[Scan] = []
         self.applied: Scan | None = None
         """The scan of the last step; None before the first."""
 
@@ -69,9 +55,6 @@ class InProcess:
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
         outcome = self.ensemble.advance(scan.step, self.reports, moved, scan.own_robot_found, scan)
         self.carry_out(outcome)
-        searches = (one.assignment.job for one in self._jobs.values())
-        first = min((s.first_step for s in searches if isinstance(s, SearchJob)), default=math.inf)
-        self._searched = [one for one in (*self._searched, scan) if one.step >= first]
         return outcome
 
     def _use(self, settings: FilterSettings) -> None:
@@ -96,55 +79,11 @@ class InProcess:
 
     def _begin(self, jobs: Mapping[str, Job]) -> None:
         for job_id, job in jobs.items():
-            self._run(Assignment(job_id=job_id, epoch=0, job=job))
-
-    def _run(self, assignment: Assignment) -> RunningJob:
-        job = running(
-            assignment,
-            self._model,
-            self._settings,
-            sender="in-process",
-            snapshot_every_steps=self._snapshot_every,
-            arrays=self._arrays,
-        )
-        self._jobs[assignment.job_id] = job
-        return job
-
-    @property
-    def state(self) -> InProcessState:
-        """The state after the last step.
-
-        Raises:
-            ValueError: no step was applied yet.
-        """
-        if self.applied is None:
-            raise ValueError("there is no state before the first step")
-        return InProcessState(
-            ensemble=successor_of(self.ensemble),
-            jobs=tuple(job.handed_on() for job in self._jobs.values()),
-            searched=tuple(self._searched),
-            applied=self.applied,
-        )
-
-    @classmethod
-    def resumed(
-        cls, model: SensorModel, settings: FilterSettings, state: InProcessState
-    ) -> "InProcess":
-        """Continue from a state, bit for bit; a search that runs repeats its scans.
-
-        Raises:
-            ValueError: no filter with these settings can have been in this state.
-        """
-        made = cls(model, settings)
-        made.ensemble = successor_of(state.ensemble)
-        made.ensemble.use(settings)
-        if {job.job_id for job in state.jobs} != set(made.ensemble.expected):
-            raise ValueError("its jobs are not those of its belief")
-        made._searched, made.applied = list(state.searched), state.applied
-        made._use(filter_with(settings, state.applied.settings))
-        for assignment in state.jobs:
-            job, search = made._run(assignment), assignment.job
-            for scan in state.searched:
-                if isinstance(search, SearchJob) and scan.step >= search.first_step:
-                    job.advance(scan)
-        return made
+            self._jobs[job_id] = running(
+                Assignment(job_id=job_id, epoch=0, job=job),
+                self._model,
+                self._settings,
+                sender="in-process",
+                snapshot_every_steps=self._snapshot_every,
+                arrays=self._arrays,
+            )

@@ -35,10 +35,6 @@ class RecordingError(InputFileError):
     """A recording is missing, corrupt, or has no scan."""
 
 
-class StateFileError(InputFileError):
-    """A saved state is missing, corrupt, or of another map or other settings."""
-
-
 class ReferenceFileError(InputFileError):
     """A reference trajectory is missing or corrupt."""
 

@@ -59,9 +59,9 @@ class MotionGate:
         """Open for the next scan, however little the robot has moved."""
         self._is_open = True
 
-    def resume(self, last: PoseTuple | None) -> None:
-        """Continue after a step with this odometry pose; None: the next scan is the first."""
-        self._last, self._is_open = last, False
+    def begin_again(self) -> None:
+        """Open for the next scan, as for the first."""
+        self._last, self._is_open = None, False
 
     def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
         """Return whether a robot at this pose still stands where it was at the last step."""
@@ -197,17 +197,7 @@ class StepMaker:
         """Change the map of all further steps; the next scan becomes a step."""
         self._map_digest, self._floors = map_digest, floors
         self._observed = PendingObservations(landmarks, self.dropped, map_digest)
-        self.gate.resume(None)
-
-    def resume(self, last: steps.Scan, odometry: tuple[int, PoseTuple]) -> None:
-        """Continue after the last step of an earlier process."""
-        self._next_step = last.step + 1
-        self.gate.resume(last.odom_from_robot)
-        for stamp_ns, pose in ((last.stamp_ns, last.odom_from_robot), odometry):
-            reading = steps.OdometryReading(
-                sender=self._sender, stamp_ns=stamp_ns, odom_from_robot=pose
-            )
-            self._pass([reading], self._use_stages)
+        self.gate.begin_again()
 
     def _gated(self, reading: steps.LaserReading) -> Iterator[steps.Scan]:
         """Yield the step of a scan that passes the gate; keep another for a later step."""

@@ -14,7 +14,6 @@ from clustermcl.runtime.settings_file import load_settings
 use = lambda: load_settings(Path(folder, "settings.toml"), ["search.poses=200"])
 """
 LIBRARY = """
-import threading
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.jobs.warm_up import compile_kernels
 compile_kernels(SensorSettings())
@@ -28,9 +27,6 @@ def use():
     )
     for x in range(3):
         mcl.update(Reading((x / 2, 0.0, 0.0), [1.0] * 20, angle_step=0.3, range_max=9.0))
-    state = f"{folder}/state-{threading.get_ident()}"
-    mcl.save(state)
-    mcl.load(state)
 """
 USED_BY_FIVE_THREADS = """
 import faulthandler, os, sys, threading

@@ -333,5 +333,5 @@ def test_a_robot_that_has_moved_less_than_a_quarter_of_the_gate_counts_as_standi
     assert gate.has_hardly_moved((1.04, 0.0, 0.04))
     assert not gate.has_hardly_moved((1.06, 0.0, 0.0))
     assert not gate.has_hardly_moved((1.0, 0.0, -0.06))
-    gate.resume(None)
+    gate.begin_again()
     assert gate.on_scan((1.0, 0.0, 0.0))
