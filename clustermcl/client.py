@@ -2,13 +2,11 @@
 
 from __future__ import annotations  # `help` shows names of types, not their definitions
 
-import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import zenoh
 
@@ -32,7 +30,7 @@ from clustermcl.protocol.answers import (
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
-from clustermcl.protocol.job_events import JobEvents, NumberedEvent
+from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.message import Message, PoseTuple
 from clustermcl.protocol.steps import MapMessage
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -44,7 +42,6 @@ from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.stop import StopFlag
 
 A = TypeVar("A", bound=Message)
-R = TypeVar("R")
 
 _PAUSE_S = 0.1
 _POLL_S = 0.1
@@ -63,21 +60,15 @@ class NotLocalizedError(ClusterMclError):
 
 
 class Client(RobotCommands):
-    """A connection to the system of one robot; use it in a ``with`` or ``async with`` block.
+    """A connection to the system of one robot; use it in a ``with`` block.
 
         with Client(robot="r1") as client:
             print(client.pose().pose)
 
     Queries and commands are repeated until they are answered or time out; the system carries out
     a repeated command only once. `timeout_s` of a method limits the wait for an answer, or for each
-    belief or event [s]. Use a client in one thread at a time.
-
-    An asyncio program iterates over beliefs, and calls the methods in a thread, such as
-    ``await asyncio.to_thread(client.pose)``:
-
-        async with Client(robot="r1") as client:
-            async for belief in client:
-                print(belief.pose)
+    belief [s]. Use a client in one thread at a time; an asyncio program calls its methods by
+    ``asyncio.to_thread``.
 
     Args:
         settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
@@ -119,7 +110,6 @@ class Client(RobotCommands):
         self._resources = ExitStack()
         self._open: zenoh.Session | None = None
         self._deadline_s = 0.0
-        self._thread: ThreadPoolExecutor
 
     def __enter__(self) -> Self:
         """Connect to the router.
@@ -139,27 +129,6 @@ class Client(RobotCommands):
     def __exit__(self, *_error: object) -> None:
         self._open = None
         self._resources.close()
-
-    async def __aenter__(self) -> Self:
-        """Connect to the router without blocking other tasks; see `__enter__`."""
-        self._thread = ThreadPoolExecutor(1)
-        return await self._in_thread(self.__enter__)
-
-    async def __aexit__(self, *_error: object) -> None:
-        """Disconnect; a wait that was cancelled first ends in its thread."""
-        with self._thread:
-            await self._in_thread(self.__exit__)
-
-    async def __aiter__(self) -> AsyncIterator[Belief]:
-        """Yield each new belief without blocking other tasks; see `beliefs`."""
-        polled = await self._in_thread(self._beliefs, None)
-        while True:
-            if (belief := await self._in_thread(next, polled)) is not None:
-                yield belief
-
-    async def _in_thread(self, call: Callable[..., R], *arguments: Any) -> R:
-        """Run a call in the single thread that serves this client's asyncio methods."""
-        return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
 
     def pose(self) -> PoseAnswer:
         """Return the robot's present pose.
@@ -236,56 +205,29 @@ class Client(RobotCommands):
             UnreachableError: no coordinator answers, or no belief arrived in time.
             StoppedError: the client's stop flag was set.
         """
-        return _without_pauses(self._beliefs(timeout_s))
-
-    def _beliefs(self, timeout_s: float | None) -> Iterator[Belief | None]:
-        """Yield each new belief of the newest term, and None after a short wait without one."""
         published = self.published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
 
-        def of_newest_term() -> Iterator[Belief | None]:
+        def of_newest_term() -> Iterator[Belief]:
             term = 0
             for belief in published:
-                if belief is None or belief.term >= term:
-                    term = belief.term if belief else term
+                if belief.term >= term:
+                    term = belief.term
                     yield belief
 
         return of_newest_term()
 
-    def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
-        """Yield the stored events, then each new event, without end.
-
-        Events that were lost in transit are queried.
+    def published(self, key: str, kind: type[A], timeout_s: float | None = None) -> Iterator[A]:
+        """Subscribe; yield each message on the key.
 
         Raises:
-            UnreachableError: no coordinator answers, or no event arrived in time.
+            UnreachableError: no message arrived in time.
             StoppedError: the client's stop flag was set.
         """
-        published = _without_pauses(self.published(keys.EVENTS, JobEvents, timeout_s))
-        first = self.events()
-
-        def without_gaps() -> Iterator[NumberedEvent]:
-            known, last_term, last_number = first, 0, -1
-            while True:
-                for event in known.events:
-                    if (known.term, event.number) > (last_term, last_number):
-                        last_term, last_number = known.term, event.number
-                        yield event
-                known = next(published)
-                follows = last_number + 1 if known.term == last_term else 0
-                if known.events and known.events[0].number > follows:
-                    known = self.events()
-
-        return without_gaps()
-
-    def published(
-        self, key: str, kind: type[A], timeout_s: float | None = None
-    ) -> Iterator[A | None]:
-        """Subscribe; yield each message on the key, and None after a short wait without one."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, kind, inbox, key)
 
-        def decoded() -> Iterator[A | None]:
+        def decoded() -> Iterator[A]:
             received_s = time.monotonic()
             while True:
                 self._stop.check()
@@ -293,9 +235,7 @@ class Client(RobotCommands):
                 if isinstance(event, Received):
                     yield decode(event.payload, kind)
                     received_s = time.monotonic()
-                    continue
-                yield None
-                if timeout_s is not None and time.monotonic() - received_s > timeout_s:
+                elif timeout_s is not None and time.monotonic() - received_s > timeout_s:
                     robot = self._settings.robot.name
                     raise UnreachableError(
                         peer="coordinator",
@@ -359,7 +299,3 @@ class Client(RobotCommands):
             hint = f"{certificate} may not ask for {key!r} where access is controlled: {doubt}"
             problem = f"{hint}; or {problem}" if doubt else problem
         return UnreachableError(peer=peer, endpoint=router, waited_s=waited_s, problem=problem)
-
-
-def _without_pauses(messages: Iterator[A | None]) -> Iterator[A]:
-    return (message for message in messages if message is not None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations  # `help` shows names of types, not their definitions
 
-import math
 import uuid
 
 import numpy as np
@@ -49,23 +48,20 @@ class RobotCommands:
             ValueError: a number is not finite, the heading is beyond a full turn, a standard
                 deviation is not positive, or the covariance is not positive semi-definite.
         """
-        named = checked_pose("pose", pose)
         numbers = None if covariance is None else np.asarray(covariance, np.float64)
         if numbers is not None and numbers.size != 9:
             raise ValueError(f"covariance has shape {numbers.shape}, expected (3, 3)")
         command = SetPose(
             sender=caller(),
             command_id=new_id(),
-            pose=named,
+            pose=checked_pose("pose", pose),
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=heading_sigma_rad,
             covariance=None if numbers is None else covariance_tuple(numbers),
             stamp_ns=stamp_ns,
             floor=floor,
         )
-        if problem := refusal_of(command):
-            raise ValueError(f"pose {named} is invalid: {problem}")
-        self._carry_out(command)
+        self._check_and_carry_out(command)
 
     def relocalize(self, near: Circle | None = None, region: str = "", floor: str = "") -> None:
         """Drop all places, including the last pose in the state file, and search for places.
@@ -83,11 +79,14 @@ class RobotCommands:
         if near is not None:
             x, y, radius_m = map(float, near)
             near = (x, y, radius_m)
-            if not (math.isfinite(x + y + radius_m) and radius_m > 0.0):
-                raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
-        self._carry_out(
+        self._check_and_carry_out(
             Relocalize(sender=caller(), command_id=new_id(), near=near, region=region, floor=floor)
         )
+
+    def _check_and_carry_out(self, command: SetPose | Relocalize) -> None:
+        if problem := refusal_of(command):
+            raise ValueError(f"the command is invalid: {problem}")
+        self._carry_out(command)
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         raise NotImplementedError

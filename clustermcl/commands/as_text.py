@@ -114,14 +114,12 @@ def _off_map(answer: PoseAnswer) -> Iterator[str]:
 
 
 def _floors(answer: PoseAnswer) -> Iterator[str]:
-    """Yield the probable floors, if there are several."""
     probable = [(p, printable(name)) for name, p in answer.floors.items() if p >= LEAST_SHOWN]
     if len(probable) > 1:
         yield f"floors: {', '.join(f'{name} {p:.2f}' for p, name in sorted(probable)[::-1])}"
 
 
 def _doubts(answer: PoseAnswer) -> Iterator[str]:
-    """Yield a warning if the pose is stale or comes from dead reckoning."""
     match answer.freshness:
         case "stale":
             yield f"stale: the newest data is {answer.age_s:.1f} s old"

@@ -26,22 +26,21 @@ COMMANDS = {
         "view": ("processes", "Show a running system or a recorded run in the browser."),
     },
     "Query a running system": {
-        "pose": ("query", "Print the robot's pose, its uncertainty, and the age of the data."),
-        "hypotheses": ("query", "Print all places where the robot may be, with probabilities."),
-        "advise": ("query", "Print where to drive so that scans distinguish the possible places."),
-        "watch": ("query", "Print each new belief, until Ctrl-C."),
-        "events": ("query", "Print what began and ended and why, commands, and faults of sensors."),
-        "status": ("query", "Print steps, workers, and counts of dropped data."),
+        "pose": ("live", "Print the robot's pose, its uncertainty, and the age of the data."),
+        "hypotheses": ("live", "Print all places where the robot may be, with probabilities."),
+        "advise": ("live", "Print where to drive so that scans distinguish the possible places."),
+        "watch": ("live", "Print each new belief, until Ctrl-C."),
+        "events": ("live", "Print what began and ended and why, commands, and faults of sensors."),
+        "status": ("live", "Print steps, workers, and counts of dropped data."),
         "snapshot": ("snapshot", "Save a picture of the map and the places."),
         "changes": ("changes", "Print what has changed in the building, and write a new map."),
         "record": ("record", "Record map, scans, odometry and beliefs, until Ctrl-C."),
         "record-landmarks": ("record_landmarks", "Measure landmarks in sight, until Ctrl-C."),
     },
     "Control a running system": {
-        "set-pose": ("control", "Set the robot's pose; the heading is in degrees."),
-        "relocalize": ("control", "Drop all places, and search everywhere or in part of the map."),
-        "update": ("control", "Use the next scan for a step, even if the robot stands still."),
-        "kidnap": ("control", "Kidnap the simulated robot: move it far away."),
+        "set-pose": ("live", "Set the robot's pose; the heading is in degrees."),
+        "relocalize": ("live", "Drop all places, and search everywhere or in part of the map."),
+        "update": ("live", "Use the next scan for a step, even if the robot stands still."),
     },
     "Maps, recordings, settings": {
         "check": ("check", "Check whether a map is suitable, and which places look alike."),
@@ -57,7 +56,6 @@ COMMANDS = {
 }  # fmt: skip
 """The subcommands by group: module, and the first line of the help."""
 _MODULES = {name: module for group in COMMANDS.values() for name, (module, _) in group.items()}
-_BEFORE_THE_COMMAND = {"--quiet", "-q", "--verbose", "-v", "--version"}
 
 
 class _Commands(TyperGroup):
@@ -76,15 +74,6 @@ class _Commands(TyperGroup):
         command = getattr(module, name.replace("-", "_"))
         alone.command(name, context_settings=negative_numbers)(command)
         return get_command(alone)
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        early = _BEFORE_THE_COMMAND.intersection(
-            args[1 : args.index("--") if "--" in args else None]
-        )
-        for option in early:
-            line = f"clustermcl {option} {args[0]}"
-            ctx.fail(f"{option} stands before the command: {line} ...")
-        return super().resolve_command(ctx, args)
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, _MODULES))

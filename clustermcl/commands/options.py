@@ -81,8 +81,7 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
     """Return a decorator: the command also has the options of settings, and gets a `Given`.
 
     Args:
-        shared: names of further options, whose values become settings. The command raises a
-            `SettingsError` if those of a ROS bag are given and its recording is not a bag.
+        shared: names of further options, whose values become settings.
     """
 
     def decorated(command: Command) -> Command:
@@ -90,18 +89,9 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
             settings_file: SettingsFile = None, assignments: Assignments = None, **own: Any
         ) -> None:
             named = {option: value for option in shared if (value := own.pop(option))}
-            if bag := {option: value for option, value in named.items() if option in OF_BAGS}:
-                refuse_without("a ROS bag", _may_be_bag(own["recording"]), **bag)
             values = [f"{_SHARED[option][0]}={value}" for option, value in named.items()]
             given = [*log_settings(), *values, *(assignments or ())]
-            try:
-                command(Given(settings_file, given), **own)
-            except SettingsError as error:  # name the option that was typed
-                typed = [f"--{o.replace('_', '-')}" for o in named if _SHARED[o][0] == error.key]
-                set_too = any(word.startswith(f"{error.key}=") for word in assignments or ())
-                if not typed or set_too or error.where is None:
-                    raise
-                raise SettingsError(key=typed[0], problem=f"{typed[0]}: {error.problem}") from error
+            command(Given(settings_file, given), **own)
 
         kinds: dict[str, Any] = {}
         for name in shared:
@@ -154,14 +144,3 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
         if value and not is_there:
             option = f"--{name.replace('_', '-')}"
             raise SettingsError(key=option, problem=f"{option} has no effect without {needed}")
-
-
-def _may_be_bag(recording: str | Path | None) -> bool:
-    """Return whether a recording is a bag, or a missing file, which is refused later."""
-    from clustermcl.recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
-    from clustermcl.runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
-
-    if not recording or str(recording).startswith(SIMULATED):
-        return False
-    path = Path(recording)
-    return not path.exists() or is_bag(path)

@@ -1,6 +1,7 @@
 """`clustermcl snapshot`: save the map and the places where the robot may be as a picture."""
 
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ from msgspec.structs import replace
 from clustermcl.client import Client
 from clustermcl.commands.options import argument, client_command
 from clustermcl.protocol import keys
-from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.errors import SettingsError, UnreachableError
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
@@ -31,7 +32,9 @@ def snapshot(
     check_output_file(file)
     figure = new_figure()
     with Client(settings, stop=stop_on_signals()) as client:
-        grid_map, scan = client.map(), _next_scan(client)
+        grid_map, scan = client.map(), None
+        with suppress(UnreachableError):
+            scan = next(client.published(keys.SCAN, Scan, STANDS_AFTER_S))
         answer = client.hypotheses()
     places = tuple(
         replace(place, pose=grid_map.floors.drawn_pose(place.floor, place.pose))
@@ -46,11 +49,3 @@ def snapshot(
     draw_places(axes, places, scan)
     axes.set_title(f"{title}, {time.strftime('%Y-%m-%d %H:%M %Z')}")
     save(figure, file)
-
-
-def _next_scan(client: Client) -> Scan | None:
-    until_s = time.monotonic() + STANDS_AFTER_S
-    for scan in client.published(keys.SCAN, Scan):
-        if scan is not None or time.monotonic() > until_s:
-            return scan
-    return None

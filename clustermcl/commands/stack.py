@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import assert_never
 
 import msgspec
 
@@ -17,7 +16,7 @@ from clustermcl.runtime.claims import claimed
 from clustermcl.runtime.main import EXIT_ERROR
 from clustermcl.runtime.settings import SOCKET_PATH_MAX_BYTES, Settings
 from clustermcl.runtime.settings_table import settings_as_toml
-from clustermcl.runtime.sources import Live, Recorded, Simulated, parsed_source
+from clustermcl.runtime.sources import Simulated, parsed_source
 from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
@@ -32,9 +31,7 @@ class ProcessEndedError(ClusterMclError):
         if ended.code == EXIT_ERROR and ended.last_words:
             super().__init__(ended.last_words)
             return
-        how = f"exit code {ended.code}"
-        if ended.code < 0:
-            how = signal.Signals(-ended.code).name
+        how = signal.Signals(-ended.code).name if ended.code < 0 else f"exit code {ended.code}"
         words = f": {ended.last_words}" if ended.last_words else "; its own message is above"
         super().__init__(f"the {ended.name} process ended with {how}{words}")
 
@@ -59,13 +56,9 @@ class Stack:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
         self._file.write_text(settings_as_toml(settings), encoding="utf-8")
-        match parsed_source(settings.bridge.source):
-            case Simulated():
-                source = self._child("simulator", *simulator_arguments)
-            case Live() | Recorded():
-                source = self._child("sensor_bridge")
-            case choice:
-                assert_never(choice)
+        source = self._child("sensor_bridge")
+        if isinstance(parsed_source(settings.bridge.source), Simulated):
+            source = self._child("simulator", *simulator_arguments)
         others = []
         if settings.zenoh.start_router:
             others.append(self._child("link.router", name=ROUTER))

@@ -1,6 +1,5 @@
 import json
 import math
-import signal
 import subprocess
 import sys
 import urllib.error
@@ -17,14 +16,12 @@ from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.samples import Sample
 
 from clustermcl.client import Client, NotLocalizedError
-from clustermcl.commands.as_text import event_line
 from clustermcl.protocol.answers import PoseAnswer
 from clustermcl.protocol.errors import CommandRefusedError, UnreachableError
 from clustermcl.runtime.settings import MetricsSettings, Settings
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import system as running_system
 from tests.integration.free_port import free_port
-from tests.integration.system.commands import typed as started
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient, patient_client, wait_until
 
@@ -165,24 +162,6 @@ def test_events_show_how_every_place_began_and_why_others_ended(system: Settings
     assert {line.partition(":")[0] for line in lines} == {f"step {one['step']}" for one in events}
     assert "found by the first search" in lines[0]
     assert sum(line.endswith("search 0 is over") for line in lines) == 1, "of all its shards"
-
-
-def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Path) -> None:
-    endpoint = f"zenoh.router={system.zenoh.router}"
-    words = ("events", "--follow", "--set", endpoint)
-    with started(*words, folder=tmp_path) as following:
-        wait_until(lambda: "found by the first search" in following.out)
-        before = following.out.count("\n")
-        with Client(system) as client:
-            events = client.follow_events()
-            reported = [next(events) for _ in range(before)]
-            client.set_pose((5.0, 6.0, 1.5))
-            given = next(event for event in events if event.event.cause == "given")
-        assert [event.number for event in reported] == list(range(before))
-        assert given.number >= before
-        wait_until(lambda: "given by a command" in following.out)
-        assert following.out.splitlines()[:before] == [event_line(event) for event in reported]
-        assert following.end(signal.SIGINT) == 0
 
 
 def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> None:

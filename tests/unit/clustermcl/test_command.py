@@ -1,6 +1,4 @@
 import logging
-import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,20 +10,13 @@ from typer.testing import CliRunner
 
 from clustermcl.commands.command import COMMANDS, app
 from clustermcl.commands.verbosity import is_verbose
-from clustermcl.protocol.errors import ClusterMclError, RecordingError, SettingsError
+from clustermcl.protocol.errors import ClusterMclError, RecordingError
 from clustermcl.runtime.logs import configure_logging, is_quiet
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
 from tests.unit.recordings.bags import grid, scan, written
 
-NAMES = [name for group in COMMANDS.values() for name in group]
 ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]
-ARGUMENTS = {
-    "snapshot": ["now.png"],
-    "record": ["run.mcap"],
-    "record-landmarks": ["tags.yaml"],
-    "set-pose": ["1", "2", "-90"],
-}
 ASKING.remove("changes")  # of several robots: see `test_new_map`
 
 
@@ -35,46 +26,18 @@ def typed(*words: str) -> str:
     return result.output
 
 
-def test_the_help_is_grouped_and_not_truncated() -> None:
-    lines = typed("-h").splitlines()
-    assert max(map(len, lines)) <= 80
-    assert not [line for line in lines if "..." in line and "ARGS" not in line]
-    listed = re.findall(r"^  ([a-z][\w-]+)  ", "\n".join(lines), re.MULTILINE)
-    assert listed == NAMES
-    for group in COMMANDS.values():
-        for name, (_, does) in group.items():
-            assert does in " ".join(typed(name, "--help").split()), "its first line"
-    assert listed[:3] == ["demo", "up", "view"]
-    assert [line.rstrip(":") for line in lines if line.rstrip(":") in COMMANDS] == list(COMMANDS)
+def test_every_command_has_its_help() -> None:
+    listed = typed("-h")
+    for name, (_, does) in ((n, c) for group in COMMANDS.values() for n, c in group.items()):
+        assert name in listed
+        assert does in " ".join(typed(name, "--help").split()), "its first line"
 
 
 @pytest.mark.parametrize("name", ASKING)
-@pytest.mark.parametrize("way", ["options", "environment"])
-def test_every_client_command_has_options_for_robot_and_router(
-    name: str, way: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given: list[str] = []
-
-    def loaded(_file: object, assignments: list[str], **_rest: object) -> Settings:
-        given.extend(assignments)
-        raise SettingsError(key="x", problem="far enough")
-
-    for module in ("options", "up"):
-        monkeypatch.setattr(f"clustermcl.commands.{module}.load_settings", loaded)
-    words, variables = [name, *ARGUMENTS.get(name, [])], {}
-    robot = {"options": ["--robot", "r1", "--router", "tcp/x:1"], "environment": []}[way]
-    if way == "environment":
-        variables = {"CLUSTERMCL_ROBOT": "r1", "CLUSTERMCL_ROUTER": "tcp/x:1"}
-
-    def execv(_program: str, words: list[str]) -> None:
-        given.extend(words)
-        raise SettingsError(key="x", problem="far enough")
-
-    monkeypatch.setattr(os, "execv", execv)
-    result = CliRunner().invoke(app, [*words, *robot], env=variables)
-    assert isinstance(result.exception, SettingsError), result.output
-    assert "zenoh.router=tcp/x:1" in given
-    assert "robot.name=r1" in given or given[given.index("--robot") + 1] == "r1"
+def test_every_client_command_has_options_for_robot_and_router(name: str) -> None:
+    shown = typed(name, "--help")
+    for each in ("--robot", "--router", "CLUSTERMCL_ROBOT", "CLUSTERMCL_ROUTER"):
+        assert each in shown
 
 
 @pytest.mark.parametrize(
@@ -82,40 +45,31 @@ def test_every_client_command_has_options_for_robot_and_router(
     [
         (["demo", "--listen", "127.0.0.1:1"], "--listen has no effect without --view"),
         (["demo", "--drive"], "--drive has no effect without --view"),
-        (["demo", "--scan-topic", "/scan"], "--scan-topic has no effect without a ROS bag"),
         (["up", "--allow-commands"], "--allow-commands has no effect without --view"),
-        (["up", "--listen", ":1"], "--listen has no effect without --view"),
         (["view", "--map", "m.yaml"], "--map has no effect without a recording"),
         (["view", "run.mcap", "--robot", "r1"], "a recording is of one robot"),
-        (["evaluate", "sim:cross", "--odom-topic", "/odom"], "without a ROS bag"),
-        (["check", "m.yaml", "--base-frame", "base"], "without a ROS bag"),
         (["relocalize", "--near", "1", "2", "3", "--region", "lobby"], "give one"),
         (["demo", "--advised", "--view", "--drive"], "leave out --drive"),
         (["demo", "--advised", "--recording", "robot.log"], "can follow advice"),
         (["demo", "--view", "--drive", "--recording", "robot.log"], "only a simulated robot"),
         (["demo", "--view", "--listen", "0.0.0.0:8350"], "a loopback address and a port"),
-        (["demo", "--view", "--listen", "127.0.0.1:0"], "a loopback address and a port"),
         (["demo", "--recording", "sim:atlantis"], "'atlantis'; the worlds are cross"),
         (["demo", "--recording", "zenoh"], "--recording: a live robot has no end"),
         (["settings", "--set", "cluster.particels=5"], "did you mean cluster.particles?"),
         (["settings", "--set", "cluster.particles=many"], "cluster.particles = 'many'"),
         (["warm-up", "--set", "bridge.map=missing.yaml"], "missing.yaml: no such file"),
-        (["warm-up", "--set", "sensor.hit_sigma_m=-1"], "sensor.hit_sigma_m = -1"),
         (["settings", "--from-nav2", "missing.yaml"], "missing.yaml: no such file"),
-        (["pose", "--robot", "a b"], "--robot: robot.name = 'a b': expected letters"),
-        (["pose", "--robot", "r1", "--set", "robot.name=a b"], "--set: robot.name = 'a b'"),
+        (["pose", "--robot", "a b"], "robot.name = 'a b': expected letters"),
         (["evaluate", "sim:cross", "--seeds", "2", "--tum", "a.tum"], "leave out --seeds"),
-        (["evaluate", "sim:cross", "--starts", "2", "--plot", "a.png"], "--plot a.png: a file has"),
+        (["evaluate", "sim:cross", "--seeds", "2", "--plot", "a.png"], "--plot a.png: a file has"),
         (["evaluate", "sim:hall", "--reference", "r.tum"], "--reference: a simulated robot"),
-        (["evaluate", "sim:hall", "--starts", "2", "--seeds", "2"], "every start of a simulated"),
+        (["evaluate", "sim:hall", "--starts", "2"], "--starts: a simulated robot"),
         (["evaluate", "a.log"], "--map is missing: a recording needs"),
         (["demo", "--map", "no.yaml"], "no.yaml: no such file"),
-        (["snapshot", "now"], "is a .png file"),
         (["snapshot", "now.jpg"], "is a .png file"),
         (["snapshot", "none/now.png"], "its folder does not exist"),
         (["view", "none.mcap"], "none.mcap: no such file"),
-        *((["evaluate", "sim:cross", "--output", name], "must end in .csv; --json prints JSON")
-          for name in ("runs", "runs.json", "runs.csv.gz")),
+        (["evaluate", "sim:cross", "--output", "runs.csv.gz"], "must end in .csv"),
     ],
     ids=" ".join,
 )  # fmt: skip
@@ -143,27 +97,11 @@ def test_topics_and_frames_named_on_the_command_line_are_settings(
     assert (*named, bridge.laser_x_m) == ("/a", "/b", "c", "d", 0.2)
 
 
-@pytest.mark.parametrize(("command", "remedy"), [
-    (["evaluate"], "--scan-topic"), (["demo", "--recording"], "--scan-topic"),
-    (["view"], "demo --view --recording"),
-])  # fmt: skip
-def test_a_bag_with_two_scan_topics_needs_a_scan_topic_but_no_map_file(
-    tmp_path: Path, command: list[str], remedy: str
-) -> None:
+def test_a_bag_has_its_map_and_of_two_scan_topics_one_must_be_named(tmp_path: Path) -> None:
     sent = [grid(1, [[0, 100]]), scan(2), scan(3, topic="/rear/scan")]
-    result = CliRunner().invoke(app, [*command, str(written(tmp_path, "mcap", sent))])
+    result = CliRunner().invoke(app, ["evaluate", str(written(tmp_path, "mcap", sent))])
     assert isinstance(result.exception, RecordingError)
-    assert remedy in str(result.exception)
-
-
-@pytest.mark.parametrize(
-    "words", [["demo", "--quiet"], ["pose", "-q"], ["evaluate", "-v", "x"], ["set-pose", "-v", "1"]]
-)
-def test_an_option_that_stands_before_the_command_is_named(words: list[str]) -> None:
-    result = CliRunner().invoke(app, words)
-    option = words[1]
-    assert result.exit_code == 2
-    assert f"{option} stands before the command: clustermcl {option} {words[0]}" in result.output
+    assert "--scan-topic" in str(result.exception)
 
 
 @pytest.mark.parametrize(("words", "code", "says"), [

@@ -7,7 +7,7 @@ import pytest
 from clustermcl.commands import up
 from clustermcl.commands.stack import ProcessEndedError, meeting_in, temporary_folder
 from clustermcl.link.configuration import check_endpoint
-from clustermcl.runtime.settings import RobotSettings, Settings
+from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.supervisor import ChildExit
 
 
@@ -33,13 +33,6 @@ def test_the_socket_path_fits_even_if_the_temporary_folder_has_a_long_path(
     monkeypatch.setattr("tempfile.tempdir", os.fspath(deep))
     with temporary_folder() as folder:
         check_endpoint(meeting_in(folder, Settings()).zenoh.router)
-
-
-def test_a_router_in_a_folder_changes_only_the_endpoint() -> None:
-    settings = Settings(seed=5, robot=RobotSettings(name="r2"))
-    met = meeting_in(Path("/tmp/x"), settings)
-    assert met.zenoh.router == "unixsock-stream//tmp/x/router.sock"
-    assert (met.seed, met.robot, met.bridge) == (5, settings.robot, settings.bridge)
 
 
 def test_a_killed_check_of_the_settings_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
