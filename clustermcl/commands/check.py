@@ -14,7 +14,7 @@ from clustermcl.commands.options import AsJson, argument, option, print_answer, 
 from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
 from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
-from clustermcl.evaluation.map_check.report import MapReport, Place, report_of
+from clustermcl.evaluation.map_check.report import MapReport, report_of
 from clustermcl.protocol.errors import MapFileError, SettingsError
 from clustermcl.recordings.maps.landmarks import landmarks_of_map
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles
@@ -26,7 +26,7 @@ from clustermcl.view.plots import new_figure, save
 MOST_CELLS = 2**26
 """Limit for the cells of a map; the check needs about 42 bytes for each."""
 EXIT_ANOTHER_MAP = 1
-_MOST_GROUPS, _MOST_PLACES = 3, 8
+_MOST_PLACES = 8
 
 
 @recording_command
@@ -102,18 +102,11 @@ def _looks(report: MapReport) -> Iterator[str]:
     alone = sum(not place.look_alikes for place in report.places)
     how = f"a laser that sees {report.laser_range_m} m all around, up to {WAY_M:.0f} m of driving"
     yield f"{alone} of {looked_at} places are unique ({how})"
-    shown: set[int] = set()
-    for place in sorted(report.places, key=lambda place: -len(place.look_alikes)):
-        count = 1 + len(place.look_alikes)
-        if count > 1 and count not in shown and len(shown) < _MOST_GROUPS:
-            shown.add(count)
-            yield from _group(place)
-
-
-def _group(place: Place) -> Iterator[str]:
-    places = (place.pose, *place.look_alikes)
-    for_good = ", wherever the robot drives" if place.distinguishable is False else ""
-    yield f"  these {len(places)} places look alike{for_good}:"
+    alike = max(report.places, key=lambda place: len(place.look_alikes))
+    if not alike.look_alikes:
+        return
+    places = (alike.pose, *alike.look_alikes)
+    yield f"  these {len(places)} places look alike:"
     for pose in places[:_MOST_PLACES]:
         yield f"    {pose_text(pose)}"
     if len(places) > _MOST_PLACES:

@@ -1,15 +1,14 @@
 """Compiles the report of `clustermcl check` on a map, with its warnings."""
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 
 import msgspec
 import numpy as np
 from scipy.ndimage import binary_dilation, label
 
 from clustermcl.evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
-from clustermcl.evaluation.map_check.ambiguity import distinguishable
-from clustermcl.evaluation.map_check.floors import floor_remarks
 from clustermcl.evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch
 from clustermcl.filter.arrays import FREE, UNKNOWN
 from clustermcl.filter.poses import between
@@ -17,7 +16,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.recordings.maps.grid_map import GridMap
 
-_COARSE_CELL_M, _FINE_CELL_M = 0.1, 0.02
+_COARSE_CELL_M = 0.1
 _WHOLE_SHARE = 0.9
 _OPEN_SHARE = 0.3
 _BLIND_SHARE = 0.3
@@ -79,8 +78,6 @@ class Place(msgspec.Struct, frozen=True, kw_only=True):
     """Share of the beams that hit something within the laser's range."""
     look_alikes: tuple[PoseTuple, ...]
     """The poses from which the view is nearly the same."""
-    distinguishable: bool | None = None
-    """Whether a way from there distinguishes some of them; None: it is not known."""
 
 
 class MapReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -114,8 +111,6 @@ def report_of(
     for _ in range(places):
         views.append(search.random_view())
         groups.append(search.places_like(views[-1]))
-    del search  # its arrays are as large as those that follow
-    told = distinguishable(groups, grid_map, laser_range_m)
     report = MapReport(
         map=name,
         ground=ground_of(grid_map),
@@ -125,9 +120,8 @@ def report_of(
                 pose=pose_tuple(group[0]),
                 returned_share=view.returned_share,
                 look_alikes=tuple(map(pose_tuple, group[1:])),
-                distinguishable=answer,
             )
-            for view, group, answer in zip(views, groups, told, strict=True)
+            for view, group in zip(views, groups, strict=True)
         ),
         agreement=agreement,
     )
@@ -145,8 +139,6 @@ def report_of(
 def _of_ground(ground: Ground, *, is_one_map: bool) -> Iterator[str]:
     if ground.cell_m > _COARSE_CELL_M:
         yield f"cells of {ground.cell_m} m are coarse, walls may be that far off; 0.05 m is usual"
-    if ground.cell_m < _FINE_CELL_M:
-        yield f"cells of {ground.cell_m} m cost memory and gain nothing; 0.05 m is usual"
     if is_one_map and ground.largest_piece_share < _WHOLE_SHARE:
         outside = 1.0 - ground.largest_piece_share
         yield (
@@ -169,13 +161,37 @@ def _of_places(report: MapReport) -> Iterator[str]:
     if alike:
         yield (
             f"{alike} of {looked_at} places look like others, also after {WAY_M:.0f} m of "
-            "driving: until something distinguishes them, the belief is ambiguous"
-        )
-    if for_good := sum(place.distinguishable is False for place in report.places):
-        yield (
-            f"from {for_good} of these, no drive distinguishes them: landmarks do "
+            "driving: until something distinguishes them, the belief is ambiguous; landmarks do "
             "(docs/tutorials/tags.md)"
         )
+
+
+def floor_remarks(groups: Iterable[tuple[PoseTuple, ...]], grid_map: GridMap) -> Iterator[str]:
+    """Yield remarks as sentences.
+
+    Args:
+        groups: poses that look alike, of which the first was tested, in the atlas.
+        grid_map: the building.
+    """
+    floors = grid_map.floors
+    tested, alike = Counter[str](), Counter[tuple[str, str]]()
+    for pose, *others in groups:
+        here, _ = floors.on_floor(pose)
+        tested[here] += 1
+        alike.update({(here, floors.on_floor(other)[0]) for other in others})
+    for (here, there), count in sorted(alike.items()):
+        if here != there:
+            yield (
+                f"{count} of {tested[here]} places on floor {here} look like places on floor "
+                f"{there}: until something distinguishes them, the floor is ambiguous; an "
+                "observation of the floor does (docs/tutorials/floors.md)"
+            )
+    for link in floors.links:
+        for name, (x, y) in link.at.items():
+            across, up, _ = floors.in_atlas(name, (x, y, 0.0))
+            if grid_map.cells[int(up / grid_map.cell_m), int(across / grid_map.cell_m)] != FREE:
+                place = f"x {x:.2f} m, y {y:.2f} m is not free ground"
+                yield f"link {link.name} ends in a wall on floor {name}: {place}"
 
 
 def _of_landmarks(grid_map: GridMap) -> Iterator[str]:

@@ -1,4 +1,3 @@
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ from typer.testing import CliRunner
 
 from clustermcl.commands.check import MOST_CELLS
 from clustermcl.commands.command import app
-from clustermcl.evaluation.map_check.drawing import COLOURS, LANDMARK
+from clustermcl.evaluation.map_check.drawing import ALIKE, LANDMARK, UNIQUE
 from clustermcl.filter.arrays import OCCUPIED, UNKNOWN
 from clustermcl.protocol.errors import MapFileError, RecordingError, SettingsError
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -38,18 +37,8 @@ def test_places_that_look_alike_are_printed_as_text(
     lines = [line for line in result.stdout.splitlines() if "its yaw" not in line]
     assert lines[0].endswith("rooms.yaml: 240 x 100 cells of 0.05 m, 12.0 x 5.0 m")
     assert lines[2].startswith("0 of 6 places are unique")
-    assert lines[3] == "  these 2 places look alike, wherever the robot drives:"
-    assert lines[-2].startswith("* 6 of 6 places look like others")
-
-
-def test_places_that_look_alike_are_printed_as_json(two_rooms: Path) -> None:
-    result = CliRunner().invoke(app, ["check", str(two_rooms), "--places", "6", "--json"])
-    report = json.loads(result.stdout)
-    assert report["ground"]["cell_m"] == 0.05
-    assert [len(place["look_alikes"]) for place in report["places"]] == [1] * 6
-    assert report["agreement"] is None
-    assert [place["distinguishable"] for place in report["places"]] == [False] * 6
-    assert len(report["remarks"]) == 2
+    assert lines[3] == "  these 2 places look alike:"
+    assert lines[-1].startswith("* 6 of 6 places look like others")
 
 
 def test_an_unreadable_file_is_refused(two_rooms: Path) -> None:
@@ -70,35 +59,21 @@ def test_a_map_that_is_too_large_is_refused(tmp_path: Path) -> None:
     assert "8193 x 8193 cells are known; the limit of check is 67108864" in str(refused)
 
 
-UNIQUE, ONE, SOME, MANY = (colour for _, colour in COLOURS)
-
-
-def colours_of(name: str, folder: Path) -> set[tuple[int, ...]]:
-    """The colours of the picture that the command writes of a world's map."""
-    map_file, picture = write_map(world(name).map, folder, name), folder / f"{name}.png"
-    words = ["check", str(map_file), "--places", "8", "--report", str(picture)]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0, done.output
-    with Image.open(picture) as drawn:
-        assert max(drawn.size) > 1000
-        return {colour for _, colour in drawn.convert("RGB").getcolors(2**24)}
-
-
-def test_picture_and_legend_show_how_many_places_look_alike(tmp_path: Path) -> None:
-    """The cross has four equal arms; in the hall all places differ."""
-    cross, hall = colours_of("cross", tmp_path), colours_of("hall", tmp_path)
-    rgb = ImageColor.getrgb
-    assert rgb(SOME) in cross
-    assert rgb(UNIQUE) not in cross, "no place of the cross is unique"
-    assert rgb(UNIQUE) in hall
-
-
-def test_landmarks_are_drawn_and_those_outside_the_map_are_remarked(tmp_path: Path) -> None:
+def test_look_alikes_and_landmarks_are_drawn_and_those_outside_are_remarked(
+    tmp_path: Path,
+) -> None:
+    """The cross has four equal arms."""
     lines = "- {id: in, x: 0.0, y: 0.0}\n- {id: far, x: 900.0, y: 0.0}\n"
     (tmp_path / "landmarks.yaml").write_text(f"landmarks:\n{lines}")
-    assert ImageColor.getrgb(LANDMARK) in colours_of("cross", tmp_path)
-    printed = CliRunner().invoke(app, ["check", str(tmp_path / "cross.yaml"), "--places", "1"])
-    assert "1 of 2 landmarks lie outside the map, such as far" in printed.output
+    map_file = write_map(world("cross").map, tmp_path, "cross")
+    words = ["check", str(map_file), "--places", "8", "--report", str(tmp_path / "report.png")]
+    done = CliRunner().invoke(app, words)
+    assert "1 of 2 landmarks lie outside the map, such as far" in done.output
+    with Image.open(tmp_path / "report.png") as drawn:
+        found = {colour for _, colour in drawn.convert("RGB").getcolors(2**24)}
+    alike, landmark, unique = map(ImageColor.getrgb, (ALIKE, LANDMARK, UNIQUE))
+    assert {alike, landmark} < found
+    assert unique not in found
 
 
 def test_an_unwritable_picture_is_refused_before_the_check(tmp_path: Path) -> None:

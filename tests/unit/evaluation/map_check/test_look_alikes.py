@@ -8,15 +8,11 @@ import pytest
 
 from benchmarks.experiments.observability import turned_copies
 from benchmarks.worlds import world
-from clustermcl.evaluation.map_check import ambiguity
-from clustermcl.evaluation.map_check.ambiguity import distinguishable
-from clustermcl.evaluation.map_check.floors import floor_remarks
 from clustermcl.evaluation.map_check.look_alikes import LookAlikeSearch
-from clustermcl.evaluation.map_check.report import MapReport, ground_of, report_of
+from clustermcl.evaluation.map_check.report import MapReport, floor_remarks, ground_of, report_of
 from clustermcl.filter.poses import heading_distance
 from clustermcl.protocol.floors import Floors, Link
 from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.steps import Landmark
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.simulator.worlds.tower import tower
 
@@ -47,31 +43,9 @@ def test_a_hall_with_a_difference_everywhere_has_no_look_alikes() -> None:
 
 def test_a_symmetric_hall_is_reported() -> None:
     report = report_on(world("hall_symmetric").map, 8)
-    alike, for_good = report.remarks
+    (alike,) = report.remarks
     assert alike.startswith("8 of 8 places look like others")
-    assert for_good.startswith("from 8 of these, no drive distinguishes them")
-    assert {place.distinguishable for place in report.places} == {False}
-
-
-def test_a_tag_in_one_arm_of_the_cross_distinguishes_what_looks_alike() -> None:
-    tag = Landmark(name="east", x=7.7, y=0.0, sigma=0.05)
-    report = report_on(world("cross").map.with_landmarks([tag]), 4)
-    assert [len(place.look_alikes) for place in report.places] == [3] * 4
-    assert {place.distinguishable for place in report.places} == {True}
-    (remark,) = report.remarks
-    assert remark.startswith("4 of 4 places look like others")
-
-
-def test_only_some_groups_of_places_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ambiguity, "_MOST_GROUPS", 1)
-    plan = world("cross").map
-    own = np.array([0.0, 5.0, 1.57])
-    alone = distinguishable([own[None]] * 3, plan, 12.0)
-    assert alone == [None] * 3
-    arms = np.array(turned_copies(pose_tuple(own), 4, (0.0, 0.0)))
-    assert distinguishable([arms] * 2, plan, 12.0) == [False, None]
-    in_walls = arms + np.array([50.0, 50.0, 0.0])
-    assert distinguishable([in_walls], plan, 12.0) == [None]
+    assert [len(place.look_alikes) for place in report.places] == [1] * 8
 
 
 def test_a_short_sighted_laser_is_reported() -> None:
