@@ -1,6 +1,6 @@
 """The output of a demo: the beliefs while it runs, then a summary or a JSON object."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 
@@ -10,7 +10,7 @@ from rich.text import Text
 
 from clustermcl.commands import as_text as text
 from clustermcl.commands.as_json import JsonObject, json_object
-from clustermcl.evaluation.pose_error import PoseError, pose_error
+from clustermcl.evaluation.measures import PoseError, pose_error
 from clustermcl.protocol import job_events
 from clustermcl.protocol.answers import Belief, Status
 from clustermcl.protocol.errors import escaped
@@ -107,7 +107,7 @@ def _row(name: str, probability: float, where: str = "") -> str:
 
 
 class DemoSummary:
-    """A summary of all beliefs and events of a run, in constant memory."""
+    """A summary of all beliefs of a run, in constant memory."""
 
     def __init__(self) -> None:
         self.localized_steps = 0
@@ -120,7 +120,6 @@ class DemoSummary:
         self._ambiguous_steps = self._most_places = 0
         self._first_places_step: int | None = None
         self._lowest, self._highest = 1.0, 0.0
-        self._ended: Counter[job_events.EndedCause] = Counter()
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None = None) -> None:
         self.belief, self.truth = belief, truth
@@ -135,19 +134,11 @@ class DemoSummary:
             self._most_places = max(self._most_places, len(held))
             self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
 
-    def on_event(self, event: job_events.NumberedEvent) -> None:
-        """Count a cluster that ended, by its cause; ignore other events."""
-        if isinstance(event.event, job_events.Ended) and not job_events.is_of_search(event.event):
-            self._ended[event.event.cause] += 1
-
     def _error(self) -> PoseError | None:
-        """Return the error of the newest belief's pose; None: unknown."""
         best = self.belief and self.belief.best
         return pose_error(best.pose, self.truth) if best and self.truth is not None else None
 
-    def as_object(
-        self, status: Status, wall_s: float, wandering: "DemoSummary | None"
-    ) -> JsonObject:
+    def as_object(self, status: Status, wall_s: float) -> JsonObject:
         error = self._error()
         return {
             **(json_object(self.belief) if self.belief else {}),
@@ -157,12 +148,9 @@ class DemoSummary:
             "found_step": self.found_step,
             "final_error_m": error.distance_m if error else None,
             "final_error_rad": error.heading_rad if error else None,
-            **({"wandering_found_step": wandering.found_step} if wandering else {}),
         }
 
-    def lines(
-        self, status: Status, wall_s: float, wandering: "DemoSummary | None" = None
-    ) -> Iterator[str]:
+    def lines(self, status: Status, wall_s: float) -> Iterator[str]:
         if self._first_places_step is not None:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:
@@ -170,9 +158,6 @@ class DemoSummary:
                 f"For {self._ambiguous_steps} steps up to {self._most_places} places were tracked, "
                 f"with probabilities from {self._lowest:.2f} to {self._highest:.2f}."
             )
-        if self._ended:
-            causes = ", ".join(f"{count} {cause}" for cause, count in self._ended.most_common())
-            yield f"Dropped places: {causes}."
         if self.found_step is not None:
             yield f"First localized at the true pose: step {self.found_step}."
         belief = self.belief
@@ -191,6 +176,3 @@ class DemoSummary:
             f"{status.steps_applied} steps, {status.steps_lost} lost, "
             f"{len(status.workers)} workers, {wall_s:.1f} s."
         )
-        if wandering is not None:
-            step = wandering.found_step
-            yield f"The robot that wandered: {'never' if step is None else f'step {step}'}."

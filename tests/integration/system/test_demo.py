@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 
 from benchmarks.wean import as_carmen
-from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.evaluation.measures import pose_error
 from clustermcl.evaluation.references import load_reference
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, ran, typed
@@ -32,12 +31,6 @@ def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
 
 def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str]) -> None:
     answer = as_json(*SHORT, "--rate", "0", *SMALL_FILTER, environment=environment)
-    assert set(answer) == {
-        "step", "stamp_ns", "state", "pose", "probability", "elsewhere_probability",
-        "off_map_probability", "hypotheses", "searching", "search_progress", "missing", "last",
-        "steps", "steps_lost", "wall_s", "found_step", "final_error_m", "final_error_rad",
-        "floor", "floors",
-    }  # fmt: skip
     assert (answer["steps"], answer["steps_lost"]) == (30, 0)
     assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}
     best = answer["hypotheses"][0]
@@ -49,7 +42,7 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
     assert 0.0 <= answer["final_error_rad"] <= math.pi
 
 
-def test_an_advised_robot_drives_advised_ways_after_one_that_wanders(
+def test_an_advised_robot_drives_advised_ways(
     environment: dict[str, str],
 ) -> None:
     words = ["-v", "demo", "--advised", "--steps", "40", "--json"]
@@ -57,8 +50,6 @@ def test_an_advised_robot_drives_advised_ways_after_one_that_wanders(
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert (answer["steps"], answer["steps_lost"]) == (40, 0)
-    for step in (answer["found_step"], answer["wandering_found_step"]):
-        assert step is None or 0 <= step < 40
     assert min(place["probability"] for place in answer["hypotheses"][:4]) > 0.05
     assert "drive an advised way of" in done.stderr
 
@@ -149,12 +140,3 @@ def test_a_demo_whose_worker_is_killed_ends_and_names_the_process(
     assert demo.wait() == 2
     assert "the worker process ended with SIGKILL" in demo.err
     demo.assert_nothing_runs()
-
-
-def test_a_demo_in_a_map_without_room_is_refused_in_one_line(tmp_path: Path) -> None:
-    refused = ran("demo", "--map", str(write_room(tmp_path, cells=(6, 62))))
-    assert (refused.returncode, refused.stdout) == (2, "")
-    assert "0.6 m wide" in refused.stderr
-    assert refused.stderr.count("\n") == 1
-    running = [child.cmdline() for child in psutil.Process().children(recursive=True)]
-    assert not [words for words in running if "-m" in words], "a process was left"
