@@ -28,8 +28,7 @@ from clustermcl.changes import collector as collecting
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.changes.new_map import with_changes
 from clustermcl.commands.changes import changes_of_recording
-from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
-from clustermcl.evaluation.run import EstimatedStep, Run
+from clustermcl.evaluation.run import Case, EstimatedStep, RecordedRobot, Run, SimulatedRobot
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.poses import between, compose
 from clustermcl.protocol.arrays import ArrayBlob

@@ -22,9 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.wean import WeanRobot
-from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot, course_of
-from clustermcl.evaluation.pose_error import pose_error
-from clustermcl.evaluation.run import Run
+from clustermcl.evaluation.measures import pose_error
+from clustermcl.evaluation.run import Case, RecordedRobot, Run, SimulatedRobot, course_of
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
 from clustermcl.filter.poses import compose
 from clustermcl.jobs.scan_arrays import scan_of_laser

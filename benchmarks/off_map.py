@@ -33,8 +33,8 @@ from benchmarks.people import CrowdSimulation
 from benchmarks.same_views import Answer, answer_of
 from benchmarks.worlds import world
 from clustermcl.belief.outcome import Outcome
-from clustermcl.evaluation.course import TrueStep, course_of
-from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY
+from clustermcl.evaluation.measures import CONFIDENT_PROBABILITY
+from clustermcl.evaluation.run import TrueStep, course_of
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
 from clustermcl.filter.kernels.compiled import to_cells
 from clustermcl.jobs.in_process import InProcess

@@ -33,9 +33,9 @@ from benchmarks.experiments.case import RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.outcome import BEFORE_FIRST_STEP, Outcome
-from clustermcl.evaluation import course
-from clustermcl.evaluation.course import course_of
+from clustermcl.evaluation import run as runs
 from clustermcl.evaluation.measures import LEAST_PROBABILITY, StepFacts, facts_of
+from clustermcl.evaluation.run import course_of
 from clustermcl.filter.arrays import FREE
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose
@@ -269,10 +269,10 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
     robot, _, place = trial.robot.partition(" in ")
     if robot.startswith("gdc/"):
         assert data is not None
-        simulated = course.SimulatedRobot(
+        simulated = runs.SimulatedRobot(
             world=str(data / f"{robot}.yaml"), map=data / f"{place}.yaml"
         )
-        case = course.Case(robot=simulated, updates=trial.steps)
+        case = runs.Case(robot=simulated, updates=trial.steps)
         made = course_of(case, trial.number, BridgeSettings())
         return made.map, list(made.steps)
     if robot.startswith(("split/", "aged/")):
@@ -283,7 +283,7 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
             map=part.with_name("map.yaml") if "split/" in robot else part.with_suffix(".yaml"),
             reference=part.with_suffix(".tum"),
         )
-        return recorded_steps(course.Case(robot=recorded), 0.0, trial.steps)
+        return recorded_steps(runs.Case(robot=recorded), 0.0, trial.steps)
     cases = {case.name: case for case in recorded_cases(data)}
     if robot in cases:
         grid_map, steps = recorded_steps(cases[robot], trial.number / 10, trial.steps)
@@ -319,12 +319,12 @@ def with_spinning_wheels(steps: TrueSteps, rng: np.random.Generator) -> TrueStep
 
 
 @cache
-def _all_steps(case: course.Case) -> tuple[GridMap, TrueSteps]:
+def _all_steps(case: runs.Case) -> tuple[GridMap, TrueSteps]:
     made = course_of(case, 0, BridgeSettings())
     return made.map, [(scan, truth) for scan, truth in made.steps if truth is not None]
 
 
-def recorded_steps(case: course.Case, from_share: float, count: int) -> tuple[GridMap, TrueSteps]:
+def recorded_steps(case: runs.Case, from_share: float, count: int) -> tuple[GridMap, TrueSteps]:
     """Return some steps of a recording that have a true pose, from a share of its steps on."""
     grid_map, steps = _all_steps(case)
     first = min(round(from_share * len(steps)), max(len(steps) - count, 0))

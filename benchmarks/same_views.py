@@ -16,7 +16,7 @@ import numpy as np
 
 from clustermcl.belief.given_places import candidate
 from clustermcl.belief.outcome import Outcome
-from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from clustermcl.evaluation.measures import CONFIDENT_PROBABILITY, pose_error
 from clustermcl.filter.poses import heading_distance
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.jobs.in_process import InProcess

@@ -26,7 +26,7 @@ from benchmarks import cbgl
 from benchmarks.experiments.observability import middle_of, turned_copies
 from benchmarks.worlds import world as named_world
 from clustermcl.belief.search_pool import SearchPool
-from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from clustermcl.evaluation.measures import CONFIDENT_PROBABILITY, pose_error
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.jobs.in_process import InProcess
 from clustermcl.jobs.jobs import running

@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from clustermcl.evaluation.course import RecordedRobot
+from clustermcl.evaluation.run import RecordedRobot
 from clustermcl.recordings.log_file import words_of_lines
 from clustermcl.recordings.recording import Recording, open_recording
 from clustermcl.runtime.settings import BridgeSettings

@@ -18,7 +18,7 @@ from benchmarks.evidence_model.replay import Rules
 from benchmarks.experiments.case import AfterStep, Case, RecordedRobot
 from benchmarks.experiments.catalogue import all_cases
 from clustermcl.commands.evaluate import start_steps
-from clustermcl.evaluation.course import course_of
+from clustermcl.evaluation.run import course_of
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
 

@@ -12,8 +12,8 @@ from benchmarks.experiments.case import AfterStep, Case, SimulatedRobot
 from benchmarks.experiments.mcl import uniform_over_free_space
 from benchmarks.experiments.observability import middle_of, turned_copies
 from clustermcl.belief.overlaps import merge_overlapping
-from clustermcl.evaluation.course import TrueStep, course_of
-from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.evaluation.measures import pose_error
+from clustermcl.evaluation.run import TrueStep, course_of
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet

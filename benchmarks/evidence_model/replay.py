@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import entr, expit
 
 from benchmarks.evidence_model.records import ELSEWHERE_POSES, Record
-from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY
+from clustermcl.evaluation.measures import CONFIDENT_PROBABILITY
 
 Floats = NDArray[np.float64]
 LEAST_TRUTH = 0.001

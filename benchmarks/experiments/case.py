@@ -6,8 +6,8 @@ import msgspec
 
 from benchmarks.people import CrowdSimulation
 from benchmarks.worlds import world
-from clustermcl.evaluation import course
-from clustermcl.evaluation.course import RecordedRobot
+from clustermcl.evaluation import run
+from clustermcl.evaluation.run import RecordedRobot
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.simulator.simulation import Simulation
 
@@ -54,7 +54,7 @@ class OnceRight(msgspec.Struct, frozen=True):
     """At the latest it is kidnapped after this many updates."""
 
 
-class SimulatedRobot(course.SimulatedRobot, frozen=True, kw_only=True):
+class SimulatedRobot(run.SimulatedRobot, frozen=True, kw_only=True):
     """A simulated robot that may be kidnapped, or among people."""
 
     people: int = 0
@@ -65,7 +65,7 @@ class SimulatedRobot(course.SimulatedRobot, frozen=True, kw_only=True):
         return CrowdSimulation(world(self.world), seed, self.people)
 
 
-class Case(course.Case, frozen=True, kw_only=True):
+class Case(run.Case, frozen=True, kw_only=True):
     """One experiment."""
 
     name: str

@@ -20,8 +20,7 @@ from scipy.stats import entropy
 
 from clustermcl.belief.outcome import Outcome
 from clustermcl.evaluation import measures as common
-from clustermcl.evaluation.measures import StepFacts, mean
-from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.evaluation.measures import StepFacts, mean, pose_error
 from clustermcl.protocol.message import PoseTuple
 
 Counts = NDArray[np.float64]

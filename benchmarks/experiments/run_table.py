@@ -16,7 +16,7 @@ from benchmarks.experiments.catalogue import StartsCase
 from benchmarks.experiments.measures import BINS, RunMeasures
 from benchmarks.experiments.task import Finished, Task
 from clustermcl.commands.evaluate import start_steps
-from clustermcl.evaluation.course import course_of
+from clustermcl.evaluation.run import course_of
 from clustermcl.protocol.errors import InputFileError
 from clustermcl.runtime.output_files import OutputError
 from clustermcl.runtime.settings import Settings

@@ -20,10 +20,9 @@ from rich.table import Table
 
 from clustermcl.belief.outcome import Outcome
 from clustermcl.commands import options as opt
-from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
 from clustermcl.evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from clustermcl.evaluation.references import tum_line
-from clustermcl.evaluation.run import Run, in_parallel
+from clustermcl.evaluation.run import Case, RecordedRobot, Run, SimulatedRobot, in_parallel
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.recordings.maps.map_file import map_file_of
 from clustermcl.runtime.logs import is_quiet
@@ -98,7 +97,7 @@ def evaluate(
     ] = 1,
     starts: Annotated[
         int | None,
-        opt.option("Number of runs from different steps, or seeds.", min=1, max=MOST_RUNS),
+        opt.option("Number of runs from different steps of a recording.", min=1, max=MOST_RUNS),
     ] = None,
     steps: Annotated[
         int | None,
@@ -120,7 +119,11 @@ def evaluate(
     Runs without Zenoh, as fast as possible.
     """
     robot = msgspec.structs.replace(robot_of(recording, map_file, reference), floor=floor)
-    case, seeds = case_of(robot, seeds, starts, steps)
+    simulated = isinstance(robot, SimulatedRobot)
+    if simulated and starts:
+        raise SettingsError("--starts: a simulated robot starts elsewhere with each seed: --seeds")
+    usual = DEFAULT_STEPS if simulated else DEFAULT_STEPS_OF_A_START if starts else None
+    case = Case(robot=robot, updates=steps or usual)
     _check_files(output, {"--tum": tum, "--plot": plot}, max(seeds, starts or 1))
     figure = None if plot is None else plots.new_figure((3.0, 1.0))  # raises without matplotlib
     if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:
@@ -132,7 +135,7 @@ def evaluate(
         for seed in range(settings.seed, settings.seed + seeds)
     ]
     known = _steps_count(runs[0])  # raises input errors before any process is started
-    if starts is not None and isinstance(robot, RecordedRobot):
+    if starts is not None:
         at = start_steps(known, starts, case.updates or known)
         runs = [replace(run, start_step=start) for start in at for run in runs]
     stop, course = stop_on_signals(exit_after_s=5.0), list[plots.Drawn]()
@@ -178,17 +181,16 @@ def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
     for heading, columns in tables.items():
         console.print(heading, soft_wrap=True)
         table = Table(*columns, box=None, padding=(0, 1, 0, 0), header_style="bold")
-        rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
+        rows = [
+            ["-" if run[key] is None else format(run[key], form) for key, form in columns.values()]
+            for run in runs
+        ]
         for column, cells in zip(table.columns, zip(*rows, strict=True), strict=True):
             words = [*str(column.header).split(), *cells]
             column.justify, column.min_width = "right", max(map(len, words))  # headings fold
         for row in rows:
             table.add_row(*row)
         console.print(table)
-
-
-def _shown(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
 
 
 def _write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
@@ -203,20 +205,6 @@ def _title(recording: str, runs: Sequence[Result]) -> str:
     if all(run["log_score_mean"] is None for run in runs):
         return f"{recording}: errors unknown without true poses (--reference)"
     return f"{recording}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"
-
-
-def case_of(
-    robot: SimulatedRobot | RecordedRobot, seeds: int, starts: int | None, steps: int | None
-) -> tuple[Case, int]:
-    """Return the robot and length of each run, and the number of seeds; refuse contradictions."""
-    simulated = isinstance(robot, SimulatedRobot)
-    default = DEFAULT_STEPS if simulated else None  # None: to the recording's end
-    if starts is not None:
-        default = DEFAULT_STEPS_OF_A_START
-        if simulated and seeds > 1:
-            raise SettingsError("--seeds: every start of a simulated robot has its own; omit it")
-        seeds = starts if simulated else seeds
-    return Case(robot=robot, updates=steps or default), seeds
 
 
 def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
@@ -265,7 +253,9 @@ def _all_results(
     Those that the stop flag ended have none. Of one run, `course` gets the estimates.
     """
     done: dict[int, RunMeasures] = {}
-    with _progress() as progress:
+    console = Console(stderr=True, emoji=False)
+    hidden = is_quiet() or not console.is_terminal
+    with Progress(console=console, transient=True, disable=hidden) as progress:
         bar = progress.add_task("steps", total=steps * len(runs))
 
         def on_update(outcome: Outcome, facts: StepFacts) -> None:
@@ -286,10 +276,3 @@ def _all_results(
                 done[index] = finished
                 _log.info("%d of %d runs are finished", len(done), len(runs))
     return [done.get(index) for index in range(len(runs))]
-
-
-def _progress() -> Progress:
-    """Return a progress bar on standard error; hidden with ``--quiet`` or without a terminal."""
-    console = Console(stderr=True, emoji=False)
-    hidden = is_quiet() or not console.is_terminal
-    return Progress(console=console, transient=True, disable=hidden)

@@ -19,14 +19,38 @@ import msgspec
 import numpy as np
 
 from clustermcl.belief.outcome import Outcome
-from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, PoseError, pose_error
+from clustermcl.filter.poses import heading_distance
 from clustermcl.protocol.answers import State
 from clustermcl.protocol.message import PoseTuple
 
+RIGHT_WITHIN_M = 1.0
+RIGHT_WITHIN_RAD = math.radians(20.0)
+CONFIDENT_PROBABILITY = 0.9
 LAST_STEPS = 10
 """Number of right estimates at the end of a localized run."""
 LEAST_PROBABILITY = 0.001
 """Lower bound of probabilities before the logarithm: a step costs at most 6.9 nat."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseError:
+    """The error of a pose: distance [m] and angle [rad] to the true pose, both non-negative."""
+
+    distance_m: float
+    heading_rad: float
+
+    @property
+    def heading_deg(self) -> float:
+        return math.degrees(self.heading_rad)
+
+    @property
+    def right(self) -> bool:
+        return self.distance_m <= RIGHT_WITHIN_M and self.heading_rad <= RIGHT_WITHIN_RAD
+
+
+def pose_error(pose: PoseTuple, truth: PoseTuple) -> PoseError:
+    """Return the error of a pose; the heading error is at most pi."""
+    return PoseError(math.dist(pose[:2], truth[:2]), float(heading_distance(pose[2], truth[2])))
 
 
 class ReportedPlace(NamedTuple):

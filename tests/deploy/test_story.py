@@ -3,7 +3,7 @@ from pathlib import Path
 
 import draw_story as story
 
-from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.evaluation.measures import pose_error
 
 PICTURE = Path(__file__).parents[2] / "docs" / "story.webp"
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from clustermcl.evaluation.measures import CONFIDENT_PROBABILITY, pose_error
 from clustermcl.protocol.answers import Belief, PoseAnswer
 from clustermcl.protocol.message import PoseTuple
 from tests.soak.schedule import DoneFault, Kind

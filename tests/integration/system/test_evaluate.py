@@ -28,12 +28,6 @@ def test_a_run_depends_on_its_seed_and_not_on_the_number_of_parallel_runs(
     found = results()
     assert found["recording"] == "sim:cross_feature"
     assert [run["seed"] for run in found["runs"]] == [7, 8, 9]
-    assert {
-        "seed", "localized", "final_error_m", "final_error_rad", "localized_at_step",
-        "confidently_wrong_fraction", "truth_tracked_fraction", "truth_probability_mean",
-        "rmse_m", "steps", "start_step", "sure_and_right_at_step", "log_score_mean",
-        "truth_probability_lowest_once_sure", "brier_mean", "elsewhere_probability_mean",
-    } <= set(found["runs"][0])  # fmt: skip
     assert all(run["steps"] == 20 for run in found["runs"])
     assert results("--jobs", "1") == found
 

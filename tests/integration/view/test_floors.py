@@ -7,8 +7,7 @@ from typing import Any
 import pytest
 
 from clustermcl.belief.outcome import belief_after
-from clustermcl.evaluation.course import Case, SimulatedRobot
-from clustermcl.evaluation.run import Run
+from clustermcl.evaluation.run import Case, Run, SimulatedRobot
 from clustermcl.protocol.answers import SetPose
 from clustermcl.protocol.steps import TruePose
 from clustermcl.recordings.maps.map_message import to_message

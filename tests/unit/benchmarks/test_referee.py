@@ -10,8 +10,7 @@ from benchmarks import aged_maps
 from benchmarks.aged_maps import surface
 from benchmarks.referee import CHANGES, Trial, begun, outcomes, row_of, score
 from benchmarks.worlds import world
-from clustermcl.evaluation.measures import ReportedPlace, StepFacts
-from clustermcl.evaluation.pose_error import PoseError
+from clustermcl.evaluation.measures import PoseError, ReportedPlace, StepFacts
 from clustermcl.filter.arrays import FREE, OCCUPIED
 from clustermcl.protocol.answers import State
 from clustermcl.runtime.settings import Settings

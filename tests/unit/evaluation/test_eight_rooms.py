@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.experiments.case import SimulatedRobot
 from clustermcl.belief.outcome import Outcome
-from clustermcl.evaluation.course import Case, RecordedRobot, course_of
+from clustermcl.evaluation.run import Case, RecordedRobot, course_of
 from clustermcl.filter.settings import BeliefSettings, FilterSettings
 from clustermcl.jobs.in_process import InProcess, outcomes
 from clustermcl.jobs.map_model import sensor_model

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from clustermcl.commands import evaluate
 from clustermcl.commands.command import app
-from clustermcl.commands.evaluate import case_of, robot_of, start_steps
-from clustermcl.evaluation.course import RecordedRobot, SimulatedRobot
+from clustermcl.commands.evaluate import robot_of, start_steps
 from clustermcl.evaluation.measures import facts_of, measures_of
+from clustermcl.evaluation.run import RecordedRobot, SimulatedRobot
 from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.message import PoseTuple
@@ -104,31 +104,11 @@ HALL = SimulatedRobot(world="hall")
 LOG = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"))
 
 
-@pytest.mark.parametrize(("robot", "starts", "steps", "updates", "seeds"), [
-    (HALL, None, None, 300, 1), (HALL, None, 9, 9, 1), (HALL, 8, None, 60, 8),
-    (LOG, None, None, None, 1), (LOG, 8, None, 60, 1), (LOG, 8, 9, 9, 1),
-])  # fmt: skip
-def test_the_length_of_a_run_and_the_seeds_depend_on_the_robot_and_on_starts(
-    robot: SimulatedRobot | RecordedRobot, starts: int | None, steps: int | None,
-    updates: int | None, seeds: int,
-) -> None:  # fmt: skip
-    case, found = case_of(robot, 1, starts, steps)
-    assert (case.updates, found) == (updates, seeds)
-
-
 def test_robots_are_named_by_their_source() -> None:
     assert robot_of("sim:hall", None, None) == HALL
     assert robot_of("a.log", "b.yaml", None) == LOG
     other = SimulatedRobot(world="a.yaml", map=Path("b.yaml"))
     assert robot_of("sim:a.yaml", "b.yaml", None) == other
-
-
-@pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
-def test_an_absurd_count_is_refused_at_once(option: str) -> None:
-    result = CliRunner().invoke(app, ["evaluate", "sim:nowhere", option, "1000000000"])
-    assert result.exit_code == 2
-    assert f"Invalid value for '{option}'" in result.output
-    assert "less than or equal to" in result.output
 
 
 def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(

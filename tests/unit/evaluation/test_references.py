@@ -1,7 +1,4 @@
-import gzip
-import lzma
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clustermcl.evaluation.course import Case, RecordedRobot, course_of
-from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.evaluation.measures import pose_error
 from clustermcl.evaluation.references import load_reference
+from clustermcl.evaluation.run import Case, RecordedRobot, course_of
 from clustermcl.protocol.errors import ReferenceFileError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -107,13 +104,6 @@ def test_outside_the_known_times_the_end_poses_hold_for_a_second(tmp_path: Path)
     assert reference.pose_at(12 * S) == (2.0, 0.0, 0.0)
     assert reference.pose_at(9 * S - 1) is None
     assert reference.pose_at(12 * S + 1) is None
-
-
-@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_a_reference_may_be_packed(tmp_path: Path, pack: Callable[[bytes], bytes]) -> None:
-    path = write(tmp_path, line(1, 5))
-    path.write_bytes(pack(path.read_bytes()))
-    assert load_reference(path).pose_at(S) == (5.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ import pytest
 from clustermcl.belief.cluster_set import Candidate, ClusterSet
 from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.links import is_in_cabin, ride
-from clustermcl.evaluation.course import Case, SimulatedRobot
-from clustermcl.evaluation.run import EstimatedStep, Run
+from clustermcl.evaluation.run import Case, EstimatedStep, Run, SimulatedRobot
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from clustermcl.belief.outcome import belief_after
-from clustermcl.evaluation.course import Case, SimulatedRobot
-from clustermcl.evaluation.run import Run
+from clustermcl.evaluation.run import Case, Run, SimulatedRobot
 from clustermcl.link.metrics_of_status import StatusCollector
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import PoseTuple

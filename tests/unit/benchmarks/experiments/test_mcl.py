@@ -75,15 +75,6 @@ GAINS = RecoveryGains(slow=0.1, fast=0.5)
         ((1.0, 0.2, 0.2), 1.0 - 0.4 / 0.848),
         ((math.exp(-1.0), 0.0, 0.0), 1.0 - 0.25 / 0.81),
     ],
-    ids=[
-        "no scan",
-        "one scan",
-        "all alike",
-        "each fits better",
-        "one fits worse",
-        "two",
-        "nowhere",
-    ],
 )
 def test_the_random_share_follows_from_the_fast_and_the_slow_average(
     likelihoods: tuple[float, ...], share: float
