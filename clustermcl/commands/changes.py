@@ -84,14 +84,12 @@ def _seconds_of(text: str) -> float:
 
 
 def _files(output: Path) -> list[Path]:
-    """Return where the new map, the old one and the picture are written."""
     if output.suffix != ".yaml":
         raise SettingsError(key="--output", problem=f"--output {output}: a map is a .yaml file")
     return [output, *(output.with_suffix(end) for end in (".old.yaml", ".changes.png"))]
 
 
 def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Changes]:
-    """Return the map of running robots, and what they have seen."""
     found = []
     for name in robots:
         with opt.connected(with_setting(settings, "robot.name", name, "--robot")) as client:

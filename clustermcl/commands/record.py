@@ -77,10 +77,10 @@ def listen(
     node.subscribe(key, message, lambda one, _received: handler(one), kind=key, kept=kept)
 
 
-def handle_until_stopped(node: Node, on_turn: Callable[[], object] = lambda: None) -> None:
+def handle_until_stopped(node: Node) -> None:
     """Handle received messages until the node's stop flag is set and its inbox is empty."""
     while node.turn(0.0 if node.stop.is_set() else _POLL_S) or not node.stop.is_set():
-        on_turn()
+        pass
 
 
 class Recorder:

@@ -2,7 +2,6 @@
 
 import gzip
 import logging
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -23,7 +22,6 @@ from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.link.node import Node
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
-from clustermcl.protocol.causes import Named
 from clustermcl.protocol.pose_arrays import covariance_matrix
 from clustermcl.protocol.reading_checks import observation_problem
 from clustermcl.protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
@@ -42,8 +40,6 @@ LEAST_RIGHT = 0.7
 """
 LEAST_SIGMA_M = 0.02
 """Least standard deviation: errors of map and mount do not average out [m]."""
-FIRST_WITHIN_S = 10.0
-"""Time without any observation after which a warning is logged [s]."""
 NOTHING_OBSERVED = (
     f"no observation has arrived on ROBOT/{keys.OBSERVATION_READING}: does a sensor publish there, "
     "with this robot's name for ROBOT?"
@@ -75,13 +71,7 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list
         listen(node, keys.BELIEF, Belief, survey.on_belief, 64)
         listen(node, keys.OBSERVATION_READING, Observation, survey.on_observation, 256)
         node.open(settings.zenoh.connect_timeout_s)
-        due_s = time.monotonic() + FIRST_WITHIN_S
-
-        def warn_if_silent() -> None:
-            if not survey.observed and time.monotonic() > due_s:
-                node.warn(_log, Named("waiting"), NOTHING_OBSERVED)
-
-        handle_until_stopped(node, warn_if_silent)
+        handle_until_stopped(node)
     if added := list(survey.entries()):
         file = {"landmarks": [*entries, *added]}
         text = yaml.safe_dump(file, sort_keys=False, allow_unicode=True).encode()

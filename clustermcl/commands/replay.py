@@ -1,10 +1,10 @@
 """`clustermcl replay`: recompute a flight recording, and print its events and beliefs."""
 
+import math
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime, time
 from pathlib import Path
 from typing import Annotated, TypeAlias
@@ -25,7 +25,6 @@ EXIT_DIFFERENT = 1
 ELSEWHERE = "elsewhere"
 AROUND = 5
 """``--at`` prints this many seconds, or steps, before and after."""
-_DAY_S = 86_400.0
 
 
 Moment: TypeAlias = int | time | datetime
@@ -55,25 +54,15 @@ def _since(moment: Moment, step: int, clock: datetime) -> float:
             return (clock - datetime.combine(clock, moment)).total_seconds()
 
 
-@dataclass(frozen=True)
-class Shown:
-    """The part of a recording that is printed."""
+Bounds = Sequence[tuple[Moment | None, float, float]]
+"""Moments, and how many steps or seconds after each a part begins and ends."""
 
-    first: Moment | None
-    last: Moment | None
-    around: Moment | None
-    """Print `AROUND` before and after this, instead of from `first` to `last`."""
 
-    def includes(self, step: int, clock: datetime) -> bool:
-        first, last, around = self.first, self.last, self.around
-        if around is not None:
-            off = abs(_since(around, step, clock))
-            return (min(off, _DAY_S - off) if isinstance(around, time) else off) <= AROUND
-        is_after = first is None or _since(first, step, clock) >= 0.0
-        is_before = last is None or _since(last, step, clock) <= 0.0
-        if isinstance(first, time) and isinstance(last, time) and first > last:
-            return is_after or is_before  # over midnight
-        return is_after and is_before
+def _includes(bounds: Bounds, step: int, clock: datetime) -> bool:
+    return all(
+        moment is None or least <= _since(moment, step, clock) <= most
+        for moment, least, most in bounds
+    )
 
 
 def replay(
@@ -98,15 +87,18 @@ def replay(
     """
     if at and (first or last):
         raise SettingsError("--at with --from or --to: leave one out")
-    moments = {"--from": first, "--to": last, "--at": at}
-    shown = Shown(*(parsed_moment(option, text) for option, text in moments.items()))
+    shown = (
+        (parsed_moment("--from", first), 0.0, math.inf),
+        (parsed_moment("--to", last), -math.inf, 0.0),
+        (parsed_moment("--at", at), -AROUND, AROUND),
+    )
     if why is not None:
         _print_why(folder, _parsed_place(why), shown)
     elif not _print_replay(folder, shown, above):
         sys.exit(EXIT_DIFFERENT)
 
 
-def _print_replay(folder: Path, shown: Shown, above: float) -> bool:
+def _print_replay(folder: Path, shown: Bounds, above: float) -> bool:
     """Recompute a whole recording; return whether every belief equals the recorded one."""
     coordinators, step, printed = 0, -1, ""
     same: Counter[bool | None] = Counter()
@@ -120,7 +112,7 @@ def _print_replay(folder: Path, shown: Shown, above: float) -> bool:
                 same[is_same] += 1
                 step = belief.step
         clock = datetime.fromtimestamp(wall_ns / 1e9)  # local, like the log
-        if shown.includes(step, clock):
+        if _includes(shown, step, clock):
             text = escaped(_as_text(happening))
             line = f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {text}"
             if line != printed:  # shards of a search repeat its end
@@ -155,7 +147,7 @@ def _parsed_place(text: str) -> int | None:
     raise SettingsError(key="--why", problem=f"{text!r} is no place: c7, 7, or {ELSEWHERE}")
 
 
-def _print_why(path: Path, place: int | None, shown: Shown) -> None:
+def _print_why(path: Path, place: int | None, shown: Bounds) -> None:
     """Print the causes of each change of a place, or of elsewhere (None), and their sums."""
     name = ELSEWHERE if place is None else f"place {place}"
     sums, steps, before = Counter[str](), list[int](), None
@@ -167,7 +159,7 @@ def _print_why(path: Path, place: int | None, shown: Shown) -> None:
         if probability is None and before is None:
             continue
         clock = datetime.fromtimestamp(wall_ns / 1e9)
-        if shown.includes(belief.step, clock):
+        if _includes(shown, belief.step, clock):
             text = "no longer tracked"
             if probability is not None:
                 index = list(tracked).index(place)

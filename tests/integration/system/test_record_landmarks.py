@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.commands import record_landmarks
 from clustermcl.commands.record_landmarks import run_record_landmarks
 from clustermcl.link.wire import Publisher
 from clustermcl.protocol import keys
@@ -51,20 +50,6 @@ def test_seen_landmarks_are_added_to_the_file(
     assert (pillar.name, door.name) == ("pillar", "door")
     assert (door.x, door.y) == pytest.approx((1.0 + 0.8776, 2.0 + 0.4794), abs=0.001)
     assert "not a valid Observation" in caplog.text
-
-
-def test_a_recorder_that_receives_nothing_says_so(
-    router: ZenohSettings,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(record_landmarks, "FIRST_WITHIN_S", 0.0)
-    settings, said = replace(Settings(), zenoh=router), list[str]()
-    file = tmp_path / "landmarks.yaml"
-    with running(lambda stop: said.extend(run_record_landmarks(settings, file, stop))):
-        wait_until(lambda: record_landmarks.NOTHING_OBSERVED in caplog.text)
-    assert said == [record_landmarks.NOTHING_OBSERVED, f"{file}: 0 landmarks added"]
 
 
 def test_a_damaged_file_is_refused_before_the_drive(tmp_path: Path) -> None:

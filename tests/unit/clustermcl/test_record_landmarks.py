@@ -49,18 +49,6 @@ def test_observations_of_a_localized_robot_are_averaged() -> None:
     assert (np.linalg.eigvalsh(covariance) < 0.3**2).all()
 
 
-def test_observations_are_counted_by_name() -> None:
-    survey = LandmarkSurvey({"known"})
-    drive(survey, 3, noise_m=0.0)
-    for name in ("known", "known", "far"):
-        survey.on_observation(seen(9 * S, (1.0, 0.0), name))
-    assert list(survey.lines()) == [
-        "far: 1 observations, never while localized",
-        "known: 2 observations, already in the file",
-        "tag: 3 observations, at 3 localized steps, left out: fewer than 5",
-    ]
-
-
 def test_sights_with_a_wrong_name_do_not_count() -> None:
     survey = LandmarkSurvey(set())
     drive(survey, 20, noise_m=0.1)

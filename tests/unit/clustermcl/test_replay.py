@@ -1,6 +1,6 @@
 import os
 import re
-from datetime import datetime, timedelta
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -89,21 +89,15 @@ def test_replay_prints_only_the_requested_steps_or_time(recording: Path) -> None
     steps = dict.fromkeys(line.partition(":")[0] for line in beliefs)  # step 3 twice: a command
     assert list(steps) == [f"step {step}" for step in range(3, 7)]
     assert lines[-1] == last
-    begin, end = whole[10][:23], whole[30][:23]
-    expected = [line for line in whole if begin <= line[:23] < end]
-    assert 0 < len(expected) < len(whole)
-    at = datetime.fromisoformat(begin)
-    around = [
-        line
-        for line in whole
-        if abs(datetime.fromisoformat(line[:23]) - at) <= timedelta(seconds=5)
-    ]
+    at = datetime.fromisoformat(whole[10][:23])
+    times = [(datetime.fromisoformat(line[:23]) - at).total_seconds() for line in whole]
     for first in (0, 11):  # with its date, or on any day
-        words = ("--from", begin[first:], "--to", end[first:])
+        words = ("--from", whole[10][first:23], "--to", whole[30][first:23])
+        expected = [line for line in whole if whole[10][:23] <= line[:23] < whole[30][:23]]
         assert run(recording, *words).stdout.splitlines() == [*expected, last]
-        assert run(recording, "--at", begin[first:]).stdout.splitlines() == [*around, last]
-    later = datetime.fromisoformat(whole[-1][:23]) + timedelta(seconds=10)
-    assert run(recording, "--at", later.time()).stdout.splitlines() == [last]
+        around = [line for line, s in zip(whole, times, strict=True) if abs(s) <= 5.0]
+        assert run(recording, "--at", whole[10][first:23]).stdout.splitlines() == [*around, last]
+    assert 0 < len(expected) < len(whole)
 
 
 def test_replay_refuses_a_time_that_is_none(recording: Path) -> None:
@@ -158,28 +152,20 @@ def test_folders_without_a_recording_are_refused_in_one_line(tmp_path: Path) -> 
     [
         (head("0.9"), "recorded by version 0.9, this is test"),
         (msgspec.structs.replace(head(), snapshot=b"nonsense"), "not a coordinator's snapshot"),
-        (msgspec.Raw(b"\x93\x01\x02\x03"), "/coordinator/head: Expected `object`"),
-        (msgspec.Raw(b"\xc1" + bytes(100)), "/coordinator/head: MessagePack data is malformed"),
     ],
 )
 def test_files_that_cannot_be_read_are_refused_in_one_line(
-    tmp_path: Path, begin: Head | msgspec.Raw, problem: str
+    tmp_path: Path, begin: Head, problem: str
 ) -> None:
     write_file(tmp_path / f"{7:017d}-000000.mcap", begin)
     assert problem in complaint(tmp_path)
 
 
-def test_files_of_other_kinds_are_refused_in_one_line(tmp_path: Path) -> None:
-    path = tmp_path / f"{7:017d}-000000.mcap"
-    path.write_bytes(b"nonsense, and no recording")
-    assert "is not an MCAP file" in complaint(tmp_path)
-    path.write_bytes(b"\x89MC")
-    assert "cut off at their beginning" in complaint(tmp_path)
-    with RunLog(path) as log:
+def test_a_run_that_the_page_shows_is_named(tmp_path: Path) -> None:
+    with RunLog(tmp_path / f"{7:017d}-000000.mcap") as log:
         log.on_map(world("cross").map, 0)
-    assert f"no events of a coordinator; show it with: clustermcl view {tmp_path}" in complaint(
-        tmp_path
-    )
+    said = complaint(tmp_path)
+    assert f"no events of a coordinator; show it with: clustermcl view {tmp_path}" in said
 
 
 def test_a_truncated_end_is_reported_and_the_rest_replayed(recording: Path, tmp_path: Path) -> None:
