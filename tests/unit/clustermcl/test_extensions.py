@@ -2,22 +2,14 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
 from clustermcl import ClusterMCL, Reading, RecordingError, SettingsError, read_recording, register
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
-from clustermcl.filter.laser.sensor_models import computed_model
-from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.jobs import running
-from clustermcl.protocol.work import Assignment, ElsewhereJob, Job, SearchJob, TrackJob
 from clustermcl.runtime import extensions
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
-from tests.integration.system.conftest import SMALL
-from tests.unit.coordinator.reports import particles
 
 
 @pytest.fixture(autouse=True)
@@ -37,43 +29,25 @@ class Counting(LikelihoodFieldModel):
         return super().log_likelihood(*of)  # type: ignore[arg-type] # handed on
 
 
-def test_an_own_sensor_model_weighs_for_search_tracking_and_elsewhere() -> None:
-    register("sensor_model", "counting", Counting)
-    hall = world("hall")
-    settings = FilterSettings(
-        sensor=msgspec.structs.replace(SMALL.sensor, model="counting"), search=SMALL.search
-    )
-    grid = hall.map.grid
-    model = computed_model(grid, settings.sensor)
-    scan, _ = next(simulated_steps(Simulation(hall, 0), SMALL.bridge))
-    start = particles(np.zeros((9, 3)), odom=scan.odom_from_robot)
-    jobs: list[Job] = [
-        SearchJob(search=0, shard=0, first_step=0),
-        TrackJob(cluster=0, start=start, exact=True),
-        ElsewhereJob(first_step=0),
-    ]
-    for job in jobs:
-        before = Counting.asked
-        running(Assignment(job_id="job", epoch=0, job=job), model, settings, sender="test").advance(
-            scan
-        )
-        assert Counting.asked > before, job
-
-
-def test_an_own_motion_model_moves_the_particles() -> None:
-    hall = world("hall")
-    asked = []
+def test_own_models_weigh_and_move_the_particles_of_searches_and_places() -> None:
+    hall, moved = world("hall"), []
 
     def still(poses: np.ndarray, motion: np.ndarray, _settings: object, noise: np.ndarray):  # type: ignore[no-untyped-def] # as a user writes it
-        asked.append((poses.shape, motion.shape, noise.shape))
+        moved.append((poses.shape, motion.shape, noise.shape))
         return poses.copy()
 
+    register("sensor_model", "counting", Counting)
     register("motion_model", "still", still)
-    mcl = ClusterMCL(hall.map, settings={"motion.model": "still", "cluster.particles": 200})
-    for tick in islice(Simulation(hall, 0), 20):
-        mcl.update(Reading.of(tick.odometry[0]))
-        mcl.update(Reading.of(tick.laser))
-    poses, motion, noise = asked[-1]
+    own = {"sensor.model": "counting", "motion.model": "still", "cluster.particles": 200}
+    mcl = ClusterMCL(hall.map, settings=own)
+    weighed = [
+        Counting.asked
+        for tick in islice(Simulation(hall, 0), 20)
+        for message in (tick.odometry[0], tick.laser)
+        if mcl.update(Reading.of(message))
+    ]
+    assert 0 < weighed[0] < weighed[1] < weighed[-1]
+    poses, motion, noise = moved[-1]
     assert (poses[1], motion, noise) == (3, (3,), (3, poses[0]))
 
 

@@ -63,19 +63,6 @@ def test_walls_beside_a_robot_are_not_taken_for_it() -> None:
     assert not maker.dropped
 
 
-def test_a_scan_of_nothing_but_the_robot_is_dropped() -> None:
-    maker = StepMaker(BridgeSettings(), "map", "test")
-    steps = steps_with_posts(maker)
-    before = maker.dropped[Cause.NO_RETURNS]
-    (tick,) = ticks(1)
-    empty = replace(tick.laser, ranges=ArrayBlob.of([math.inf] * 360, "float32"))
-    last = steps[-1]
-    pose = (last.odom_from_robot[0] + 1.0, *last.odom_from_robot[1:])
-    late = replace(with_posts(empty), stamp_ns=last.stamp_ns + 10**9, odom_from_robot=pose)
-    assert maker.on_reading(late) is None
-    assert maker.dropped[Cause.NO_RETURNS] == before + 1
-
-
 @pytest.mark.parametrize("least_m", [0.0, 0.3])
 def test_the_least_range_of_the_settings_holds_for_all_sources(least_m: float) -> None:
     maker = StepMaker(BridgeSettings(min_range_m=least_m), "map", "test")

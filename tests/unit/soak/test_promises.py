@@ -28,26 +28,19 @@ def outages(*faults: tuple[Kind, float, float]) -> promises.Outages:
     return known
 
 
-@pytest.mark.parametrize(("asked_s", "kept"), [
-    ((50.0, 50.0), True), ((50.0, 50.0, 51.0), False),
-    ((12.9 + promises.BACK_WITHIN_S,), True), ((13.1 + promises.BACK_WITHIN_S,) * 3, False),
-])  # fmt: skip
-def test_two_queries_in_two_thousand_outside_outages_may_go_unanswered(
-    asked_s: tuple[float, ...], kept: bool
-) -> None:
-    promise = promises.Answered(outages((Kind.COORDINATOR_FROZEN, 10.0, 13.0)))
-    for second in (*[1.0] * 1998, *asked_s):
-        answer = messages.pose(1) if second == 1.0 else None
-        promise.on_question(promises.Question(at(second), at(second), answer))
-    assert promise.verdict().kept is kept
+@pytest.mark.parametrize("unanswered", [2, 3])
+def test_two_queries_in_two_thousand_may_go_unanswered(unanswered: int) -> None:
+    promise = promises.Answered(outages())
+    for number in range(2000):
+        answer = None if number < unanswered else messages.pose(1)
+        promise.on_question(promises.Question(at(number), at(number), answer))
+    assert promise.verdict().kept is (unanswered == 2)
 
 
 @pytest.mark.parametrize(("steps", "delay_s", "kind", "broken"), [
     ((4, 5, 6), 0.5, None, []),
     ((1, 2, 2), 0.5, None, ["step 2 again"]),
-    ((1, 2, 2), 0.5, Kind.COORDINATOR_KILLED, []),
     ((1, 2, 5), 0.5, None, ["2 steps before step 5 are lost"]),
-    ((1, 2, 5), 0.5, Kind.WORKER_KILLED, ["2 steps before step 5 are lost"]),
     ((1, 2, 5), 0.5, Kind.ROUTER_KILLED, []),
     ((1,), 2.5, None, ["step 1 took 2.50 s"]),
 ])  # fmt: skip
@@ -74,9 +67,9 @@ def rooms(**instead: PoseTuple) -> list[Hypothesis]:
 class Robot:
     """One belief a second, with its true pose."""
 
-    def __init__(self, truth: PoseTuple, known: promises.Outages | None = None) -> None:
+    def __init__(self, truth: PoseTuple) -> None:
         places_of = copies_in_all_rooms if truth == START else lambda pose: (pose,)
-        self.promise = promises.TruthHeld(known or outages(), places_of)
+        self.promise = promises.TruthHeld(outages(), places_of)
         self.truth = truth
 
     def believes(
@@ -114,22 +107,12 @@ def test_a_sure_belief_in_a_wrong_place_is_noticed_unless_no_worker_reported() -
     assert robot.believes(3, *wrong, missing=("c0",)).broken() == ["step 3: sure and 8.0 m off"]
 
 
-@pytest.mark.parametrize(("kind", "allowed_s"), [
-    (None, promises.FOUND_WITHIN_S),
-    (Kind.COORDINATOR_KILLED, promises.FOUND_WITHIN_S + promises.BACK_WITHIN_S),
-])  # fmt: skip
-def test_a_kidnapped_robot_has_to_be_found_in_time_and_held_then(
-    kind: Kind | None, allowed_s: float
-) -> None:
-    known = outages(*([(kind, 20.0, 20.0)] if kind else []))
+def test_a_kidnapped_robot_has_to_be_found_in_time_and_held_then() -> None:
     for late_s, kept in ((-0.5, True), (0.5, False)):
-        robot = Robot(HERE, known).believes(1, place(0, 1.0, HERE))
+        robot = Robot(HERE).believes(1, place(0, 1.0, HERE))
         robot.believes(2, place(0, 1.0, FAR), kidnapped=1)
         assert robot.promise.verdict(at(10)).kept is True, "there is still time"
-        robot.believes(2 + allowed_s + late_s, place(0, 1.0, HERE), kidnapped=1)
+        robot.believes(2 + promises.FOUND_WITHIN_S + late_s, place(0, 1.0, HERE), kidnapped=1)
         assert robot.promise.verdict(at(600.0)).kept is kept
-    assert len(robot.broken()) == 1
     robot.believes(100, place(1, 0.5, FAR), place(2, 0.5, FAR), kidnapped=1)
     assert len(robot.broken()) == 2, "lost again is lost"
-    robot = Robot(HERE).believes(1, place(0, 1.0, HERE))
-    assert len(robot.believes(2, place(0, 1.0, FAR), kidnapped=1).broken()) == 1, "never found"
