@@ -29,8 +29,13 @@ def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
     return answer
 
 
-def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str]) -> None:
-    answer = as_json(*SHORT, "--rate", "0", *SMALL_FILTER, environment=environment)
+def test_a_demo_of_an_advised_robot_ends_by_itself_with_one_json_object(
+    environment: dict[str, str],
+) -> None:
+    done = ran("-v", *SHORT, "--advised", "--json", *SMALL_FILTER, environment=environment)
+    assert done.returncode == 0, done.stderr
+    assert "drive an advised way of" in done.stderr
+    answer = json.loads(done.stdout)
     assert (answer["steps"], answer["steps_lost"]) == (30, 0)
     assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}
     best = answer["hypotheses"][0]
@@ -40,18 +45,6 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
     assert here + answer["elsewhere_probability"] == pytest.approx(1.0)
     assert answer["final_error_m"] >= 0.0, "the simulator tells where the robot was"
     assert 0.0 <= answer["final_error_rad"] <= math.pi
-
-
-def test_an_advised_robot_drives_advised_ways(
-    environment: dict[str, str],
-) -> None:
-    words = ["-v", "demo", "--advised", "--steps", "40", "--json"]
-    done = ran(*words, *SMALL_FILTER, environment=environment)
-    assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
-    assert (answer["steps"], answer["steps_lost"]) == (40, 0)
-    assert min(place["probability"] for place in answer["hypotheses"][:4]) > 0.05
-    assert "drive an advised way of" in done.stderr
 
 
 def test_a_simulated_robot_in_a_users_map_is_found(

@@ -39,23 +39,18 @@ def up(words: list[str], tmp_path: Path) -> Iterator[TypedCommand]:
         yield command
 
 
-def test_one_process_has_the_same_beliefs_as_several(up: TypedCommand, settings: Settings) -> None:
+def test_one_process_believes_as_several_ends_by_ctrl_c_and_continues_after_a_kill(
+    up: TypedCommand, words: list[str], settings: Settings, tmp_path: Path
+) -> None:
     """Many believe what a run without Zenoh believes; see `test_same_beliefs`."""
     with Client(settings) as client:
         received = list(
             takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=PATIENCE_S))
         )
+        status = client.status()
     assert len(received) > STEPS // 4
     assert_same(received, outcomes_of(settings, steps=STEPS))
     assert not psutil.Process(up.pid).children()
-
-
-def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
-    up: TypedCommand, words: list[str], settings: Settings, tmp_path: Path
-) -> None:
-    with Client(settings) as client:
-        wait_until(lambda: bool(client.hypotheses().hypotheses))
-        status = client.status()
     assert {process.sender for process in status.processes} == {"one-process"}
     assert status.workers.keys() == {"one-process"}
     second = ran(*words)
