@@ -51,8 +51,9 @@ def up(
         stack = Stack(recorded, folder, logs_in_folder=False, page_arguments=page)
         with closing(stack):
             stack.start_all()
-            say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
-            say(f"query it with: {_query_command(settings)}")
+            name, router = settings.robot.name, shlex.quote(settings.zenoh.router)
+            say(f"robot {name!r} at {router}; Ctrl-C ends it")
+            say(f"query it with: clustermcl pose --robot {name} --router {router}")
             if (recording := recording_folder(recorded)) is not None:
                 say(f"see what happened with: clustermcl replay {shlex.quote(str(recording))}")
             while not stack.supervisor.wait(stop):
@@ -63,15 +64,6 @@ def up(
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
-
-
-def _query_command(settings: Settings) -> str:
-    usual, words = Settings(), ["clustermcl", "pose"]
-    if settings.robot.name != usual.robot.name:
-        words += ["--robot", settings.robot.name]
-    if settings.zenoh.router != usual.zenoh.router:
-        words += ["--router", settings.zenoh.router]
-    return shlex.join(words)
 
 
 def _recorded(settings: Settings) -> Settings:
