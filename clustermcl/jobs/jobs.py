@@ -26,19 +26,18 @@ from clustermcl.filter.search import global_search, places
 from clustermcl.filter.search.uniform_poses import UniformPoses
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.filter.slices import Slices, WorkMeter, finished
-from clustermcl.jobs.scan_arrays import ScanArrays, observed
+from clustermcl.jobs.scan_arrays import ScanArrays, observation_arrays, observed, scan_beams
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
-from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.steps import Scan, mirrored
 
 
 class RunningJob(ABC):
     """A job with its state.
 
-    Every `snapshot_every_steps`, if not 0, the reports of a tracked cluster have its particles. All
-    jobs of a robot share the arrays of scans.
+    Every `snapshot_every_steps`, if not 0, the reports of a tracked cluster have its particles.
     """
 
     step: int
@@ -77,13 +76,8 @@ class RunningJob(ABC):
         return generator(self._settings.seed, purpose=purpose, entity=entity, step=step, part=part)
 
     def _head(self, step: int) -> dict[str, Any]:
-        assignment = self.assignment
-        return {
-            "sender": self._sender,
-            "job_id": assignment.job_id,
-            "epoch": assignment.epoch,
-            "step": step,
-        }
+        job_id, epoch = self.assignment.job_id, self.assignment.epoch
+        return {"sender": self._sender, "job_id": job_id, "epoch": epoch, "step": step}
 
 
 def running(
@@ -96,14 +90,12 @@ def running(
     arrays: ScanArrays | None = None,
 ) -> RunningJob:
     """Begin a job; arguments as for `RunningJob`."""
-    kind: type[RunningJob]
-    match assignment.job:
-        case work.TrackJob():
-            kind = Tracking
-        case work.SearchJob():
-            kind = Searching
-        case work.ElsewhereJob():
-            kind = Elsewhere
+    kinds: dict[type[work.Job], type[RunningJob]] = {
+        work.TrackJob: Tracking,
+        work.SearchJob: Searching,
+        work.ElsewhereJob: Elsewhere,
+    }
+    kind = kinds[type(assignment.job)]
     return kind(assignment, model, settings, sender, snapshot_every_steps, arrays or ScanArrays())
 
 
@@ -130,10 +122,10 @@ class Tracking(RunningJob):
         """Number of particles, and the first step that may resample to it."""
 
     def advance(self, scan: Scan) -> work.TrackReport:
-        scan = self._arrays.mirror_image(scan) if self._mirrored else scan
+        scan = self._arrays.once(mirrored, scan) if self._mirrored else scan
         rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
         after = np.array(scan.odom_from_robot)
-        model, beams = self._model, self._arrays.beams(scan, self._model)
+        model, beams = self._model, self._arrays.once(scan_beams, scan, self._model)
         particles, particles_from = self.size
         result = cluster_filter.mcl_step(
             self._particle_set,
@@ -167,11 +159,10 @@ class Tracking(RunningJob):
         )
 
     def _observe(self, scan: Scan) -> float:
-        """Weigh the particles by the step's observations; return the log evidence."""
         if not scan.observations:
             return 0.0
         poses, before = self._particle_set.map_from_robot, self._particle_set.log_weights
-        ratios = log_ratios(poses, self._arrays.observations(scan, self._model))
+        ratios = log_ratios(poses, self._arrays.once(observation_arrays, scan, self._model))
         log_weights, total = multiplied(before, ratios, 1.0, np.zeros(len(poses)))
         self._particle_set = ParticleSet(poses, log_weights)
         return total - math.log(len(poses))
@@ -205,10 +196,7 @@ class Tracking(RunningJob):
         )
 
     def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[work.Place, ...]:
-        """Return the places into which the cluster has split.
-
-        Empty if it has not split; checked only at every `split_every_steps`-th step.
-        """
+        """Return the places into which the cluster has split, by each n-th step; empty: none."""
         rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
         if every == 0 or scan.step % every != 0:
             return ()
@@ -233,9 +221,12 @@ class Searching(RunningJob):
     def slices(self, scan: Scan) -> Slices[work.SearchReport]:
         """Like `advance`, in slices; the first slice sets `step`."""
         self._search.use(self._model, self._settings)
-        scan = self._arrays.mirror_image(scan) if self._job.mirrored else scan
+        scan = self._arrays.once(mirrored, scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
-        beams, rng = self._arrays.beams(scan, self._model), self._search_rng(scan.step, 1)
+        beams, rng = (
+            self._arrays.once(scan_beams, scan, self._model),
+            self._search_rng(scan.step, 1),
+        )
         self._odom_from_robot, self.step = after, scan.step
         per_beam = yield from self._search.advance(before, after, beams, rng, observed(scan))
         yield
@@ -254,23 +245,17 @@ class Searching(RunningJob):
 
 
 class Elsewhere(RunningJob):
-    """Weighs each scan at new poses all over the free space.
-
-    The coordinator compares the evidence of tracked clusters with this evidence.
-    """
+    """Weighs each scan at new poses all over the free space, as evidence for elsewhere."""
 
     def _begin(self, job: work.ElsewhereJob) -> None:
         self.step = job.first_step - 1
         self._poses = UniformPoses(self._model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> work.ElsewhereReport:
-        """Report the log of the average likelihood over the poses, corrected as for a cluster.
-
-        Observations add the places that they allow.
-        """
+        """Report the log of the average likelihood over the poses, corrected as for a cluster."""
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
-        beams = self._arrays.beams(scan, self._model)
+        beams = self._arrays.once(scan_beams, scan, self._model)
         self.step = scan.step
         exponent = scan_exponent(beams.count, self._model.settings)
         result = cluster_filter.measurement_update(
@@ -300,7 +285,7 @@ class Elsewhere(RunningJob):
         poses, log_weights = allowed_poses(observations, landmarks, model.grid, count, rng)
         if not len(poses):
             return log_average, None
-        log_weights += log_ratios(poses, self._arrays.observations(scan, model))
+        log_weights += log_ratios(poses, self._arrays.once(observation_arrays, scan, model))
         exponent, rules = scan_exponent(beams.count, model.settings), self._settings.search
         particles = ParticleSet(poses, log_weights)
         result = cluster_filter.measurement_update(particles, beams, model, exponent)

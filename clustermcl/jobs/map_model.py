@@ -6,9 +6,7 @@ import logging
 import os
 import shutil
 import tempfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,15 +20,14 @@ from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.conversion import decoded
 from clustermcl.recordings.maps.grid_map import GridMap
 
-CACHE_VERSION = 7
+CACHE_VERSION = 8
 """To be increased when the same map and settings give other arrays."""
 KEPT_ENTRIES = 16
 """Number of entries kept; each change of settings while a robot drives makes a new one."""
 
 _CELLS = "cells"
 _ENTRY = "field-"
-_SUMS, _PART = "crc32.json", ".part"
-_PIECE_BYTES = 2**24
+_SUMS, _PART = "checksums.json", ".part"
 
 _log = logging.getLogger(__name__)
 
@@ -40,10 +37,9 @@ def sensor_model(
 ) -> SensorModel:
     """Return the sensor model of a map.
 
-    Its arrays are computed once for a map and settings, written to the cache folder, and mapped
-    from there, so that the processes of a machine share one copy. A folder that cannot be
-    written or read costs a warning and a copy for each process. Arrays of an installed model
-    are not kept, because its code may change.
+    Its arrays are computed once, written to the cache folder, and mapped from there, so that the
+    processes of a machine share one copy. A folder that cannot be used costs a warning and a copy
+    for each process. Arrays of an installed model are not kept, because its code may change.
 
     Raises:
         ValueError: the map has no obstacle.
@@ -51,39 +47,30 @@ def sensor_model(
     if cache_folder is not None and settings.model in OWN:
         entry = cache_folder / _name(grid_map, settings)
         try:
-            with _one_at_a_time(cache_folder):
-                if not entry.is_dir():
-                    _write(entry, _computed(grid_map, settings))
-                    _remove_oldest(cache_folder, entry)
-                with suppress(OSError):  # the entry may belong to another account
-                    os.utime(entry)  # marks the entry as recently used
-                arrays = _read(entry)
-            return _model(arrays, grid_map, settings)
-        except (OSError, EOFError, _BrokenEntryError) as error:
+            return _model(_cached(entry, grid_map, settings), grid_map, settings)
+        except (OSError, EOFError) as error:
             _log.warning("the cache in %s cannot be used: %s", cache_folder, error)
             shutil.rmtree(entry, ignore_errors=True)
     return _model(_computed(grid_map, settings), grid_map, settings)
 
 
-@contextmanager
-def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
-    """Hold a lock, so that one process of this machine computes while the others wait.
-
-    Twelve processes that compute at once need twelve times the memory. Unfinished entries were
-    left by killed processes, and are removed.
-    """
-    cache_folder.mkdir(parents=True, exist_ok=True)
-    if problem := why_untrusted(cache_folder):
+def _cached(entry: Path, grid_map: GridMap, settings: SensorSettings) -> MapArrays:
+    """Return the arrays of a cache entry, which is written if there is none."""
+    folder = entry.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    if problem := why_untrusted(folder):
         raise OSError(problem)
-    with (cache_folder / "lock").open("w") as lock:
+    with (folder / "lock").open("w") as lock:
+        # Twelve processes that compute at once need twelve times the memory.
         fcntl.flock(lock, fcntl.LOCK_EX)  # held until the file is closed
-        for left in cache_folder.glob(f"*{_PART}"):
+        for left in folder.glob(f"*{_PART}"):  # by killed processes
             shutil.rmtree(left, ignore_errors=True)
-        yield
-
-
-class _BrokenEntryError(Exception):
-    """A cache entry does not hold the arrays of its name."""
+        if not entry.is_dir():
+            _write(entry, _computed(grid_map, settings))
+            _remove_oldest(entry)
+        with suppress(OSError):  # the entry may belong to another account
+            os.utime(entry)  # marks the entry as recently used
+        return _read(entry)
 
 
 def _computed(grid_map: GridMap, settings: SensorSettings) -> MapArrays:
@@ -99,7 +86,7 @@ def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> Se
         grid = replace(grid_map.grid, cells=cells)
         return model_class(settings.model).from_arrays(grid, arrays, settings)
     except (KeyError, ValueError) as error:
-        raise _BrokenEntryError(f"not the arrays of this map: {error}") from error
+        raise OSError(f"not the arrays of this map: {error}") from error
 
 
 def _name(grid_map: GridMap, settings: SensorSettings) -> str:
@@ -121,24 +108,20 @@ def _write(entry: Path, arrays: MapArrays) -> None:
         shutil.rmtree(part, ignore_errors=True)  # exists only if writing failed
 
 
-def _remove_oldest(cache_folder: Path, written: Path) -> None:
-    """Remove the least recently used entries but the one just `written`, whatever the clock says.
+def _remove_oldest(written: Path) -> None:
+    """Remove the least recently used entries but the one just written, whatever the clock says.
 
     A process that has mapped one keeps it.
     """
-    entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
+    entries = sorted(written.parent.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
     entries.remove(written)
     for entry in entries[: 1 - KEPT_ENTRIES]:
         shutil.rmtree(entry, ignore_errors=True)
 
 
-def _checksum(path: Path) -> int:
-    """Return the CRC-32 of a file, read in pieces: a gigabyte a second."""
-    checksum = 0
+def _checksum(path: Path) -> str:
     with path.open("rb") as file:
-        while piece := file.read(_PIECE_BYTES):
-            checksum = zlib.crc32(piece, checksum)
-    return checksum
+        return hashlib.file_digest(file, "blake2b").hexdigest()
 
 
 def _file(entry: Path, name: str) -> Path:
@@ -148,19 +131,17 @@ def _file(entry: Path, name: str) -> Path:
 def _read(entry: Path) -> MapArrays:
     """Map all arrays from disk.
 
-    Damaged files are refused, and those that others may write: a power cut may leave zeros, and
-    kernels use the numbers as indices without bounds checks.
-
     Raises:
-        _BrokenEntryError: a file is damaged, or others may write it.
+        OSError: a file is damaged, as by a power cut, or others may write it. Kernels use the
+            numbers as indices without bounds checks.
     """
     try:
-        sums = decoded((entry / _SUMS).read_bytes(), dict[str, int], msgspec.json)
+        sums = decoded((entry / _SUMS).read_bytes(), dict[str, str], msgspec.json)
         for name, expected in sums.items():
             if _checksum(_file(entry, name)) != expected:
-                raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
+                raise OSError(f"{entry.name}/{name}.npy is damaged")
             if problem := why_untrusted(_file(entry, name)):
-                raise _BrokenEntryError(problem)
+                raise OSError(problem)
         return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
     except (msgspec.MsgspecError, ValueError) as error:  # the file may not even be UTF-8
-        raise _BrokenEntryError(f"{entry.name}: {error}") from error
+        raise OSError(f"{entry.name}: {error}") from error

@@ -11,7 +11,7 @@ from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.observations.likelihood import ObservationArrays
 from clustermcl.filter.observations.observed import Observed
 from clustermcl.jobs.wire_observations import from_wire
-from clustermcl.protocol.steps import LaserBeams, Scan, mirrored
+from clustermcl.protocol.steps import LaserBeams, Scan
 
 T = TypeVar("T")
 _KEPT = 2
@@ -27,16 +27,8 @@ class ScanArrays:
     def __init__(self) -> None:
         self._kept: dict[Callable[..., Any], list[tuple[tuple[Any, ...], Any]]] = {}
 
-    def beams(self, scan: Scan, model: SensorModel) -> Beams:
-        return self._once(scan_beams, scan, model)
-
-    def observations(self, scan: Scan, model: SensorModel) -> ObservationArrays:
-        return self._once(_observation_arrays, scan, model)
-
-    def mirror_image(self, scan: Scan) -> Scan:
-        return self._once(mirrored, scan)
-
-    def _once(self, compute: Callable[..., T], *arguments: object) -> T:
+    def once(self, compute: Callable[..., T], *arguments: object) -> T:
+        """Return what `compute` makes of a scan and a model."""
         kept = self._kept.setdefault(compute, [])
         for known, result in kept:
             if all(one is other for one, other in zip(known, arguments, strict=True)):
@@ -68,5 +60,5 @@ def observed(scan: Scan) -> tuple[list[Observed], Landmarks]:
     return seen, Landmarks.of((each.name, each.x, each.y, each.sigma) for each in scan.landmarks)
 
 
-def _observation_arrays(scan: Scan, model: SensorModel) -> ObservationArrays:
+def observation_arrays(scan: Scan, model: SensorModel) -> ObservationArrays:
     return ObservationArrays.of(*observed(scan), model.grid)

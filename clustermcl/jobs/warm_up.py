@@ -12,19 +12,19 @@ from msgspec.structs import replace
 
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.kernels import compiled as kernels
 from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.seen_cells import codes_of, seen_cells
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.settings import (
+    BeliefSettings,
+    ClusterSettings,
     FilterSettings,
     MotionSettings,
     SearchSettings,
     SensorSettings,
 )
-from clustermcl.jobs.jobs import running
-from clustermcl.protocol import work
+from clustermcl.jobs.in_process import InProcess
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.steps import Landmark, PositionField, Scan, Seen
 from clustermcl.runtime.folders import log_remarks
@@ -73,12 +73,6 @@ def compile_kernels(sensor: SensorSettings) -> None:
         "no library of kernels can be built, so each process takes 100 MB more: %s", reason
     )
     run_kernels(sensor, MotionSettings())
-    if kernels.cache_problems:
-        _log.warning(
-            "compiled kernels cannot be kept on disk: %s; every start compiles for some "
-            "seconds, unless NUMBA_CACHE_DIR names a writable folder",
-            kernels.cache_problems[0],
-        )
 
 
 def _build_library() -> None:
@@ -99,31 +93,19 @@ def _build_library() -> None:
 def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
     """Run every kernel once with these models: search, track, see a tag, cast rays."""
     rng, sensor = np.random.default_rng(0), replace(sensor, max_beams=6)
-    search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
-    small = FilterSettings(sensor=sensor, motion=motion, search=search)
+    small = FilterSettings(
+        sensor=sensor,
+        motion=motion,
+        cluster=ClusterSettings(particles=100),
+        search=SearchSettings(heading_step_rad=0.2, poses=200, shards=1, max_steps=3),
+        belief=BeliefSettings(elsewhere_poses=100),
+    )
     cells = np.zeros((40, 40), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
     model = computed_model(Grid(cells, 0.1, np.zeros(3)), sensor)
-    job = running(
-        work.Assignment(job_id="s", epoch=0, job=work.SearchJob(search=0, shard=0, first_step=0)),
-        model,
-        small,
-        sender="warm-up",
-    )
-    for step in range(3):
-        report = job.advance(_scan(step, rng))
-    assert isinstance(report, work.SearchReport)  # the job is a search
-    found = report.places.particles.array()
-    sample = work.Particles(
-        step=2,
-        odom_from_robot=report.places.odom_from_robot,
-        map_from_robot=report.places.particles,
-        log_weights=ArrayBlob.of(np.zeros(len(found)), "float32"),
-    )
-    track = work.TrackJob(cluster=0, start=sample, exact=False)
-    for one in (track, work.ElsewhereJob(first_step=3)):
-        job = running(work.Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
-        job.advance(replace(_scan(3, rng), observations=(_SEEN, _REGION), landmarks=(_TAG,)))
+    process = InProcess(model, small)
+    for step in range(5):
+        process.advance(_scan(step, rng))
     angles = np.zeros(1)
     cast_rays_from_poses(model.jumps, model.grid, np.ones((1, 3)), angles, 1.0)  # advice
     seen, out, ranges = np.zeros(cells.shape, np.int32), np.zeros((9, 2), np.int32), np.ones(1)
@@ -144,4 +126,6 @@ def _scan(step: int, rng: np.random.Generator) -> Scan:
         range_max_m=10.0,
         ranges=ArrayBlob.of(rng.uniform(1.0, 2.0, 60), "float32"),
         map_digest="",
+        observations=(_SEEN, _REGION),
+        landmarks=(_TAG,),
     )

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterable
 from functools import partial
+from itertools import chain
 
 import msgspec
 from msgspec.structs import replace
@@ -51,15 +52,12 @@ class RecentReports:
 
     def since(self, step: int, *, searches: bool = False) -> list[Report]:
         """Return the reports of later steps, with `searches` also all of searches, by step."""
-        return sorted(
-            (
-                report
-                for kept in self._of.values()
-                for report in kept
-                if report.step > step or (searches and isinstance(report, SearchReport))
-            ),
-            key=lambda report: (report.step, report.job_id),
-        )
+        found = [
+            report
+            for report in chain.from_iterable(self._of.values())
+            if report.step > step or (searches and isinstance(report, SearchReport))
+        ]
+        return sorted(found, key=lambda report: (report.step, report.job_id))
 
 
 class JobTable:
@@ -167,8 +165,8 @@ class JobTable:
     def on_scan(self, scan: Scan) -> list[Report]:
         """Advance every job that has not done this step and does not wait; return the reports.
 
-        An older scan is ignored, unless the steps have begun again. If the
-        newest scan is repeated, its reports may have been lost, and are returned again.
+        An older scan is ignored, unless the steps have begun again. A repeated one repeats its
+        reports.
         """
         newest = self._recent[-1] if self._recent else None
         if newest is not None and (scan.step < newest.step or is_huge_jump(scan, newest)):
@@ -177,12 +175,12 @@ class JobTable:
             self._recent.clear()
             newest = None
         self._step_resets.reset()
-        if newest is None or scan.step > newest.step:
-            self._recent.append(scan)
-            while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
-                self._recent.popleft()
-            return self._advance(scan)
-        return self.reports.since(scan.step - 1) + self._advance(scan)
+        if newest is not None and scan.step == newest.step:
+            return self.reports.since(scan.step - 1) + self._advance(scan)
+        self._recent.append(scan)
+        while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
+            self._recent.popleft()
+        return self._advance(scan)
 
     @property
     def searches(self) -> bool:

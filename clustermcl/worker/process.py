@@ -164,10 +164,7 @@ def serve(
 def serve_robots(
     name: str, fleet: Fleet, cache: Path, report_jobs: ReportJobs, stop: StopFlag
 ) -> None:
-    """Serve several robots, each in a thread, until the process is stopped.
-
-    An error ends the work for one robot, which then begins again with its file.
-    """
+    """Serve several robots, each in a thread that begins again after an error."""
     jobs = dict.fromkeys(fleet.problems, 0)
 
     def serve_robot(file: Path, stop: StopFlag) -> None:
@@ -185,10 +182,7 @@ def serve_robots(
 
 
 class WorkerLoop:
-    """Passes messages to a `Worker` and carries out its instructions, without blocking.
-
-    Reports the number of jobs at the start and after each order.
-    """
+    """Passes messages to a `Worker` and carries out its instructions, without blocking."""
 
     def __init__(self, node: Node, cache_folder: Path, report_jobs: ReportJobs) -> None:
         self._node, self._cache_folder = node, cache_folder
@@ -210,18 +204,14 @@ class WorkerLoop:
     def run(self) -> None:
         unread_scans = 0
         while not self._node.stop.is_set():
-            event = self._node.turn(self._wait_s())
+            pause_s = min(self._pause.left_ns(time.monotonic_ns()) / 1e9, PAUSE_S)
+            event = self._node.turn(pause_s if self._worker.searches else POLL_S)
             unread_scans = unread_scans + 1 if isinstance(event, Received) else SCANS_PER_POLL
             if unread_scans >= SCANS_PER_POLL:
                 unread_scans = 0
                 self._node.drain(self._checkpoints, self._on_checkpoint)
                 if self._worker.searches and not self._pause.left_ns(time.monotonic_ns()):
                     self._carry_out(self._worker.search())
-
-    def _wait_s(self) -> float:
-        if self._worker.searches:
-            return min(self._pause.left_ns(time.monotonic_ns()) / 1e9, PAUSE_S)
-        return POLL_S
 
     # --- messages
 

@@ -82,29 +82,23 @@ class TermFence:
 
     def __init__(self) -> None:
         self.term = 0
-        """The highest known term."""
+        self.terms: tuple[int, ...] = ()
+        """The last terms, in the order in which they became known."""
         self.founded = 0
         """The highest term of a received checkpoint with clusters; 0: none."""
         self.order = 0
         """Number of the last order followed."""
         self.newest = 0
         """Highest number of an order received, followed or not."""
-        self._terms: deque[int] = deque(maxlen=KEPT_TERMS)
-
-    @property
-    def terms(self) -> tuple[int, ...]:
-        """The last terms, in the order in which they became known."""
-        return tuple(self._terms)
 
     def on_term(self, term: int) -> None:
         """Note a coordinator's term; from now on, orders of lower terms are refused."""
-        if term and term not in self._terms:
-            self._terms.append(term)
+        if term and term not in self.terms:
+            self.terms = (*self.terms, term)[-KEPT_TERMS:]
         if term > self.term:
             self.term, self.order, self.newest = term, 0, 0
 
     def on_checkpoint(self, checkpoint: work.Checkpoint) -> None:
-        """Note the term of a coordinator's checkpoint, and whether the belief has had clusters."""
         self.on_term(checkpoint.term)
         if checkpoint.founded:
             self.founded = max(self.founded, checkpoint.term)
@@ -135,8 +129,7 @@ class _WaitingOrder(msgspec.Struct, frozen=True):
 class Worker:
     """One worker: its jobs, the coordinator that it follows, and the map's sensor model.
 
-    No method waits: the map and past scans are requested by an instruction, and arrive in a later
-    call. Other work continues until then.
+    No method waits: the map and past scans are requested by an instruction, and arrive later.
     """
 
     def __init__(self, name: str) -> None:
@@ -145,12 +138,11 @@ class Worker:
         self._map: MapMessage | None = None
         self._landmarks: tuple[Landmark, ...] = ()
         self._model: SensorModel | None = None
-        self._model_digest = ""
+        self._model_digest = self._ordered_map = ""
         self._preparing = False
         """Whether the map is being fetched, or its sensor model built."""
         self._waiting: _WaitingOrder | None = None
         self._ordered: FilterSettings | None = None
-        self._ordered_map = ""
         self._live = AS_STARTED
         """Settings of the newest scan, which override those of the order."""
         self._in_force: FilterSettings | None = None
@@ -182,7 +174,6 @@ class Worker:
         return [*self._table.search_on()]
 
     def on_advice_query(self, question: Any, asked: AdviceQuestion) -> list[Instruction]:
-        """Have an advice computed, or answer why there is none."""
         model, settings = self._model, self._in_force or self._ordered
         scan = self._table.scan_of(asked.step)
         if model is None or settings is None or asked.map_digest != self._model_digest:
@@ -210,8 +201,10 @@ class Worker:
         if not self._is_prepared(scan):
             self._held.append(scan)
             return self._continue()
-        lost = self._table.lost_before(scan)
-        if lost is None or self._has_fallen_behind(dropped):
+        if (lost := self._table.lost_before(scan)) is None:
+            return [*self._table.on_scan(scan)]
+        was_dropped, self._dropped = dropped > self._dropped, dropped
+        if was_dropped:  # this process was too slow, so that to fetch them would not help
             return [*self._table.on_scan(scan)]
         self._table.wait_for(lost)
         reports = self._table.on_scan(scan)
@@ -235,11 +228,6 @@ class Worker:
     def _is_of_another_map(self, scan: Scan) -> bool:
         return self._map is not None and scan.map_digest != self._map.digest
 
-    def _has_fallen_behind(self, dropped: int) -> bool:
-        """Return whether this process dropped scans since the last gap, as it was too slow."""
-        known, self._dropped = self._dropped, dropped
-        return dropped > known
-
     def _fetch(self, missing: MissingScans | None, timeout_s: float) -> list[Instruction]:
         """Request past scans, unless the same request is under way; a new one replaces it."""
         if missing is None or missing == self._fetching:
@@ -248,11 +236,9 @@ class Worker:
         return [FetchScans(missing, timeout_s)]
 
     def on_no_history(self, missing: MissingScans, problem: str) -> list[Instruction]:
-        """Continue without past scans, because `FetchScans` failed."""
         return [Warn(Cause.NO_HISTORY, problem), *self.on_history(missing, ())]
 
     def on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
-        """Process the past scans that `FetchScans` requested."""
         if missing != self._fetching:
             return []  # an answer to a request that a later one has replaced
         self._fetching = None
@@ -280,10 +266,7 @@ class Worker:
         return [Warn(Cause.ORDER_OVERTAKEN, detail), Answer(question, self._answer())]
 
     def _continue(self) -> list[Instruction]:
-        """Follow the waiting order and take the held scans, or request what they need.
-
-        A worker without a job also requests the model, so that it can take over at once.
-        """
+        """Follow the waiting order and take the held scans, or request what they need."""
         waiting, wanted = self._waiting, self._wanted()
         if wanted is None:
             return []
@@ -309,24 +292,23 @@ class Worker:
         return (self._ordered, self._ordered_map) if self._ordered and self._ordered_map else None
 
     def on_map_failure(self, error: Exception) -> list[Instruction]:
-        """Refuse the waiting order, because `FetchMap` or `BuildModel` failed."""
+        """Refuse the waiting order, because the map or its model cannot be had."""
         self._preparing, self._map = False, None
-        return self._refuse_waiting(error)
+        waiting, self._waiting = self._waiting, None
+        return self.refuse(waiting.question, error) if waiting else []
 
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
         self._preparing, self._model, self._model_digest = False, model, map_digest
-        if self._map is not None:
-            self._landmarks = self._map.landmarks
+        self._landmarks = self._map.landmarks if self._map else self._landmarks
         return self._continue()
 
     def on_map(self, message: MapMessage) -> list[Instruction]:
-        self._preparing = False
-        wanted = self._wanted()
+        self._preparing, wanted = False, self._wanted()
         if wanted is None:
             return []
         if message.digest != wanted[1]:
             error = MapMismatchError(worker=self._name, expected=wanted[1], found=message.digest)
-            return self._refuse_waiting(error)
+            return self.on_map_failure(error)
         self._map = message
         return self._continue()
 
@@ -353,10 +335,6 @@ class Worker:
             *self._table.catch_up(),
             *self._fetch(missing, HISTORY_TIMEOUT_S),
         ]
-
-    def _refuse_waiting(self, error: Exception) -> list[Instruction]:
-        waiting, self._waiting = self._waiting, None
-        return self.refuse(waiting.question, error) if waiting else []
 
     def refuse(self, question: Any, error: Exception) -> list[Instruction]:
         """Refuse an order, which may be one that cannot be decoded."""

@@ -10,8 +10,9 @@ from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSe
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import encode
-from clustermcl.protocol.steps import Scan
-from clustermcl.worker.job_table import JobTable
+from clustermcl.protocol.steps import KEPT_STEPS, Scan
+from clustermcl.worker.job_table import KEPT_SEARCH_STEPS, JobTable, RecentReports
+from clustermcl.worker.search_queue import LONGEST_NS, SearchPause
 from tests.unit.coordinator import reports
 
 SETTINGS = FilterSettings(
@@ -84,13 +85,8 @@ def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     assert sizes(table) == as_given, "they have seen no scan"
     reports_of(table, range(1, 2))
     assert sizes(table) == [(100, -1), (25, 3)]
-
-
-def test_a_repeated_order_does_not_restart_a_job(model: SensorModel) -> None:
-    table = table_with(model, track("c0", cloud()))
-    reports_of(table, range(1, 3))
     table.follow(order(track("c0", cloud())), model, SETTINGS)
-    assert table.summary() == (("c0", 1, 2),)
+    assert table.summary() == (("c0", 1, 1),), "a repeated order does not restart a job"
 
 
 def test_a_missed_step_loses_only_its_own_evidence(model: SensorModel) -> None:
@@ -129,12 +125,17 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
         assert of(kind, reported[in_slices]) == of(kind, reported[at_once])
 
 
-def test_a_search_that_is_far_behind_skips_no_scan(model: SensorModel) -> None:
+def test_a_search_that_is_far_behind_skips_no_scan_and_reports_places_of_each(
+    model: SensorModel,
+) -> None:
     """Its evidence would be that of fewer scans, and count for more than the other shards'."""
     table = table_with(model, search())
     for step in range(80):
-        table.on_scan(scan(step))
-    assert [report.step for report in searched(table)] == list(range(80))
+        assert table.on_scan(scan(step)) == [], "clusters would not wait for it"
+    reports = searched(table)
+    assert [report.step for report in reports] == list(range(80))
+    assert all(report.places for report in reports[:4])
+    assert reports[3].places.share.array().sum() <= 1.0 + 1e-9
 
 
 def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
@@ -146,17 +147,6 @@ def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
     assert table.search_on() == []
 
 
-def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> None:
-    table = table_with(model, search())
-    for step in range(4):
-        assert table.on_scan(scan(step)) == [], "clusters would not wait for it"
-    reports = searched(table)
-    assert [report.step for report in reports] == [0, 1, 2, 3]
-    assert all(report.places for report in reports)
-    last = reports[-1]
-    assert last.places.share.array().sum() <= 1.0 + 1e-9
-
-
 def test_several_scans_far_ahead_are_followed_and_so_is_the_return(model: SensorModel) -> None:
     table = table_with(model, track("c0", cloud()))
     reports_of(table, range(1, 4))
@@ -164,3 +154,86 @@ def test_several_scans_far_ahead_are_followed_and_so_is_the_return(model: Sensor
     assert [report.step for one in forged for report in table.on_scan(one)] == [10**9 + 3]
     table.follow(order(track("c1", cloud(3), epoch=2)), model, SETTINGS)
     assert [report.step for report in reports_of(table, range(7, 11))] == [9, 10]
+
+
+HERE = (0.0, 0.0, 0.0)
+
+
+def test_reports_since_a_step_come_in_their_order() -> None:
+    recent = RecentReports()
+    for step in range(5):
+        for job in ("c1", "c0"):
+            recent.add(reports.tracked(job, step, 0.5, HERE))
+    assert [(r.step, r.job_id) for r in recent.since(2)] == [
+        (3, "c0"), (3, "c1"), (4, "c0"), (4, "c1"),
+    ]  # fmt: skip
+
+
+def test_only_the_last_report_keeps_its_particles() -> None:
+    recent = RecentReports()
+    for step in (10, 20):
+        recent.add(reports.tracked("c0", step, 0.5, HERE, snapshot=reports.cloud_at(HERE, step)))
+    old, new = recent.since(0)
+    assert old.snapshot is None
+    assert new.snapshot is not None
+
+
+def test_fewer_reports_are_kept_of_searches_than_of_clusters() -> None:
+    recent = RecentReports()
+    for step in range(2 * KEPT_STEPS):
+        recent.add(reports.tracked("c0", step, 0.5, HERE))
+        recent.add(reports.searched("s0.0", step, {HERE: 1.0}))
+    kept = recent.since(-1)
+    assert sum(r.job_id == "c0" for r in kept) == KEPT_STEPS
+    assert sum(r.job_id == "s0.0" for r in kept) == KEPT_SEARCH_STEPS
+    assert recent.since(2 * KEPT_STEPS) == []
+    again = recent.since(2 * KEPT_STEPS, searches=True)
+    assert [r.job_id for r in again] == ["s0.0"] * KEPT_SEARCH_STEPS
+
+
+def test_ended_jobs_are_forgotten() -> None:
+    recent = RecentReports()
+    for job in ("c0", "c1"):
+        recent.add(reports.tracked(job, 1, 0.5, HERE))
+    recent.keep_only(["c1", "c2"])
+    assert [r.job_id for r in recent.since(0)] == ["c1"]
+
+
+MS = 1_000_000
+
+
+def paused_for(step: int, *, founded: bool = True) -> SearchPause:
+    """The step before is decided, this one's scan comes at 10 ms."""
+    pause = SearchPause()
+    pause.on_checkpoint(step - 1, founded=founded)
+    pause.on_scan(step, 10 * MS)
+    return pause
+
+
+def test_searches_wait_until_the_step_is_decided() -> None:
+    pause = paused_for(7)
+    assert pause.left_ns(12 * MS) == LONGEST_NS - 2 * MS
+    pause.on_checkpoint(7, founded=True)
+    assert pause.left_ns(12 * MS) == 0
+
+
+def test_an_undecided_step_pauses_searches_for_a_limited_time() -> None:
+    pause = paused_for(7)
+    assert pause.left_ns(10 * MS + LONGEST_NS) == 0
+    pause.on_scan(8, 500 * MS)
+    pause.on_checkpoint(7, founded=True)
+    assert pause.left_ns(500 * MS) == 0, "a belief that lags behind may wait for the search"
+    pause.on_checkpoint(8, founded=True)
+    pause.on_scan(9, 600 * MS)
+    assert pause.left_ns(600 * MS) == LONGEST_NS
+
+
+def test_the_first_search_is_not_paused() -> None:
+    assert paused_for(0, founded=False).left_ns(12 * MS) == 0
+    assert SearchPause().left_ns(0) == 0
+
+
+def test_a_restart_of_steps_ends_the_pause() -> None:
+    pause = paused_for(700)
+    pause.on_scan(3, 20 * MS)
+    assert pause.left_ns(20 * MS) == 0

@@ -21,12 +21,14 @@ from clustermcl.protocol.work import (
 from clustermcl.worker.job_table import MissingScans
 from clustermcl.worker.worker import (
     HISTORY_TIMEOUT_S,
+    KEPT_TERMS,
     LOST_SCANS_TIMEOUT_S,
     Answer,
     BuildModel,
     FetchMap,
     FetchScans,
     Instruction,
+    TermFence,
     Warn,
     Worker,
 )
@@ -239,12 +241,6 @@ def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
     assert reported(handled(fresh, on_model("map", model))) == [("c0", 1), ("c0", 2)]
 
 
-def test_a_state_query_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
-    handled(fresh, asked(4, track("c0", cloud())))
-    (answer,) = fresh.on_take_over(10, TakeOver(sender="next", term=2))
-    assert (answer.message.term, answer.message.holds) == (2, ())
-
-
 @pytest.mark.parametrize("job_id", ["c0", "c1"], ids=["the same again", "another"])
 def test_an_order_that_comes_while_the_map_is_fetched_supersedes_the_one_that_waits(
     fresh: Worker, model: SensorModel, job_id: str
@@ -336,20 +332,18 @@ def test_an_order_repeats_the_reports_that_may_be_lost(tracking: Worker) -> None
     assert reported(again[1:]) == [("c0", 2), ("c0", 3)]
 
 
-def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -> None:
-    refused = handled(tracking, asked(900, sensor={"no_such": 1}))
-    assert causes(refused) == ["order refused"]
-    assert "no_such" in answers(refused)[900].problem
-    refused = handled(tracking, asked(901, sensor={"model": "not_here"}))
-    assert "no sensor_model 'not_here' is installed" in answers(refused)[901].problem
-    assert answers(handled(tracking, asked(2)))[2].order == 2
-
-
-def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
+def test_an_order_that_cannot_be_read_or_has_invalid_settings_supersedes_no_order(
+    tracking: Worker,
+) -> None:
     error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
-    refused = fresh.refuse(3, error)
+    refused = tracking.refuse(3, error)
     assert causes(refused) == ["malformed WorkOrder: field"]
     assert answers(refused)[3].problem == str(error)
+    for sensor, problem in (({"no_such": 1}, "no_such"), ({"model": "x"}, "no sensor_model 'x'")):
+        refused = handled(tracking, asked(900, sensor=sensor))
+        assert causes(refused) == ["order refused"]
+        assert problem in answers(refused)[900].problem
+    assert answers(handled(tracking, asked(2)))[2].order == 2
 
 
 # --- a job that begins behind
@@ -366,22 +360,6 @@ def test_a_job_that_begins_behind_waits_for_history_while_others_continue(tracki
     assert reported(caught_up) == [("c1", step) for step in range(4, 72)]
 
 
-@pytest.fixture
-def behind(fresh: Worker, model: SensorModel) -> Worker:
-    """Has the scan 5 and a job that begins after step 2: it has asked for those in between."""
-    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
-    begun = handled(fresh, on_model("map", model))
-    assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
-    return fresh
-
-
-def test_without_history_a_job_begins_with_the_scans_at_hand(behind: Worker) -> None:
-    assert handled(behind, on_scan(scan(6))) == []
-    failed = handled(behind, on_no_history(MissingScans(3, 4), "nobody is there"))
-    assert causes(failed) == ["no scan history"]
-    assert reported(failed) == [("c0", 5), ("c0", 6)]
-
-
 def test_a_worker_needs_scans_only_for_a_job_and_fetches_those_since_it_began(
     tracking: Worker,
 ) -> None:
@@ -395,18 +373,19 @@ def test_a_worker_needs_scans_only_for_a_job_and_fetches_those_since_it_began(
     assert again[1:] == [FetchScans(MissingScans(91, None), HISTORY_TIMEOUT_S)]
 
 
-def test_repeated_orders_request_past_scans_once(behind: Worker) -> None:
-    again = handled(behind, asked(2, track("c0", cloud(step=2))))
+def test_repeated_orders_request_past_scans_once_and_a_wider_request_replaces_it(
+    fresh: Worker, model: SensorModel
+) -> None:
+    """A worker with the scan 5 and a job that begins after step 2."""
+    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
+    begun = handled(fresh, on_model("map", model))
+    assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
+    again = handled(fresh, asked(2, track("c0", cloud(step=2))))
     assert [type(do) for do in again] == [Answer]
-    caught_up = handled(behind, on_history(MissingScans(3, 4), (scan(3), scan(4))))
-    assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
-
-
-def test_an_answer_to_a_repeated_query_is_not_awaited(behind: Worker) -> None:
-    wider = handled(behind, on_scan(scan(8)))
+    wider = handled(fresh, on_scan(scan(8)))
     assert wider == [FetchScans(MissingScans(3, 7), LOST_SCANS_TIMEOUT_S)]
-    assert handled(behind, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
-    caught_up = handled(behind, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
+    assert handled(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
+    caught_up = handled(fresh, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
     assert reported(caught_up) == [("c0", step) for step in range(3, 9)]
 
 
@@ -420,3 +399,17 @@ def test_a_new_coordinator_gets_jobs_and_terms(tracking: Worker) -> None:
     assert state.term == 2
     assert (state.terms, state.founded) == ((1, 2), 1)
     assert [held.job_id for held in state.holds] == ["c0"]
+
+
+def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
+    term_fence = TermFence()
+    term_fence.on_checkpoint(checkpoint(5, 1))
+    term_fence.on_checkpoint(checkpoint(5, 2))
+    term_fence.on_term(9)
+    assert term_fence.check(work_order(term=10)), "orders of a new coordinator count from the start"
+    term_fence.on_checkpoint(checkpoint(6, 1))
+    term_fence.on_checkpoint(checkpoint(10, 1, founded=False))
+    assert (term_fence.term, term_fence.terms, term_fence.founded) == (10, (5, 9, 10, 6), 6)
+    for term in range(11, 100):
+        term_fence.on_term(term)
+    assert term_fence.terms == tuple(range(100 - KEPT_TERMS, 100))
