@@ -20,7 +20,7 @@ from clustermcl.coordinator.events import (
     ReportArrived,
     ScanArrived,
     TimePassed,
-    WorkerJoined,
+    WorkerChanged,
     WorkerStateArrived,
 )
 from clustermcl.coordinator.instructions import AskState, Instruction, SendOrder
@@ -69,7 +69,7 @@ class Run:
         self._step, self._now_ns = 0, 0
         self.beliefs = 0
         for number in range(WORKERS):
-            self._apply(WorkerJoined(f"worker-{number}"))
+            self._apply(WorkerChanged(f"worker-{number}", "joined"))
         self._apply(ScanArrived(self._scan()))
         self._apply(ReportArrived(self._places["s0.0"], self._found()))
         assert len(self._epochs) == CLUSTERS + 1

@@ -21,7 +21,7 @@ from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.work import Checkpoint
 
 MAX_AGE_S = 1e9
-STATE_VERSION = 9
+STATE_VERSION = 10
 
 
 class CheckpointState(msgspec.Struct, frozen=True):
@@ -38,8 +38,6 @@ class CheckpointState(msgspec.Struct, frozen=True):
     """Jobs that did not report the last applied step in time."""
     age_s: Annotated[float, Meta(ge=-1.0, le=MAX_AGE_S)]
     """Age of a live robot's applied scan, otherwise of the newest data [s]; -1: there is none."""
-    age_known: bool
-    """Whether the coordinator has received data itself; otherwise the age is only an estimate."""
     steps_applied: Count
     reports_missing: Count
     counters: Annotated[dict[Text, Count], FEW]
@@ -57,14 +55,13 @@ def from_bytes(data: bytes) -> CheckpointState:
         ValueError: the state cannot be read, has another version, or no coordinator wrote it.
     """
     try:
-        version = decoded(data, _Version).version
-        if version != STATE_VERSION:
-            raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
         state = decoded(data, CheckpointState)
+        if state.version != STATE_VERSION:
+            raise ValueError(f"state of version {state.version}, expected {STATE_VERSION}")
         if to_bytes(state) != data:
             raise ValueError("a state that no coordinator has written")
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
-        raise ValueError(f"not a coordinator's state: {error}") from None
+        raise ValueError(f"not a coordinator's state of this version: {error}") from None
     return state
 
 
@@ -79,24 +76,3 @@ def state_in(checkpoint: Checkpoint) -> CheckpointState:
     if checkpoint.step != (applied.step if applied else -1):
         raise ValueError(f"a checkpoint of step {checkpoint.step} with another's state")
     return state
-
-
-def arrival(checkpoint: Checkpoint, received_ns: int) -> tuple[int, int] | None:
-    """Return the stamp and the arrival time of a live robot's applied scan [ns].
-
-    The second time is by the clock of `received_ns`. None: no such scan was applied, its age is
-    only an estimate, or the state cannot be read.
-    """
-    try:
-        state = decoded(checkpoint.state, CheckpointState)
-    except (msgspec.DecodeError, msgspec.ValidationError, RecursionError):
-        return None
-    applied = state.collector.applied
-    is_known = state.version == STATE_VERSION and state.age_known
-    if not is_known or applied is None or not applied.live:
-        return None
-    return applied.stamp_ns, received_ns - int(max(state.age_s, 0.0) * 1e9)
-
-
-class _Version(msgspec.Struct, frozen=True):
-    version: int

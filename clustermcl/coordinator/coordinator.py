@@ -56,37 +56,28 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     """The gate in these settings defines a step."""
     version: str
     now_ns: int
-    """Start, by the clock of all events [ns]."""
     term: int = 0
     """From the clock [us]; raised above all terms that workers have received."""
     known: Checkpoint | None = None
     """The newest state received from another coordinator."""
-    usual_delay_ns: int | None = None
-    """See `PoseTracker.begin`; None: unknown, or the robot is not live."""
     kept: Checkpoint | None = None
     """A state from the file of this machine, which `state_in` accepts."""
 
     def coordinator(self) -> "Coordinator":
         kept = state_in(self.kept) if self.kept else None
+        kept_scan = kept.collector.applied if kept else None
+        known = [self.known] if self.known else []
         made = Coordinator(
             self.sender,
             self.version,
             self.now_ns,
             Term(self.term),
-            StateRecovery(
-                self.sender,
-                self.now_ns,
-                [self.known] if self.known else [],
-                self.kept,
-                kept.collector.applied if kept else None,
-            ),
+            StateRecovery(self.sender, self.now_ns, known, self.kept, kept_scan),
             CoordinatorState.of(self.sender, self.filter_settings, self.settings, self.bridge),
             LastPlace.of(kept) if kept else None,
         )
         for checkpoint in filter(None, (self.known, self.kept)):
             made.term.on_term(checkpoint.term)
-        if self.usual_delay_ns is not None:
-            made.state.pose.begin(self.usual_delay_ns, self.now_ns)
         return made
 
 
@@ -96,15 +87,12 @@ class Coordinator(Part):
     sender: str
     version: str
     started_ns: int
-    """Start, by the clock of all events [ns]."""
     term: Term
     recovery: StateRecovery
     state: CoordinatorState
     last_place: LastPlace | None = None
-    """The robot's pose when the system last ran; None: unknown."""
     published: Checkpoint | None = None
     published_ns: int = 0
-    """When it was published last [ns]."""
     step_resets: StepResetDetector = field(default_factory=StepResetDetector)
     linked: bool = True
 
@@ -145,13 +133,13 @@ class Coordinator(Part):
                     # Nine in ten reports complete no step; the next event does what became due.
                     if self.state.awaits_reports:
                         return []
-            case events.WorkerJoined(worker):
+            case events.WorkerChanged(worker, "joined"):
                 self._on_worker_joined(worker, now_ns)
-            case events.WorkerLeft(worker):
+            case events.WorkerChanged(worker, "left"):
                 self.recovery.forget(worker)
                 self.state.placement.on_worker_left(worker)
                 self.state.changed = True
-            case events.WorkerReturned(worker):
+            case events.WorkerChanged(worker):
                 self.state.placement.repeat_order(worker)
             case events.LinkChanged(up):
                 self.linked = up
@@ -188,14 +176,12 @@ class Coordinator(Part):
     def _on_stray_scan(
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
     ) -> list[do.Instruction]:
-        """Process a scan whose step does not follow the step of `newest`.
-
-        The belief of a repeated step is published again, because the bridge may have missed it.
-        """
+        """Process a scan whose step does not follow the step of `newest`."""
         if self.term.begun and not fetched and self.step_resets.on_other_scan(scan, newest):
             self.step_resets.reset()
             self.state.on_steps_restarted(scan)
             return self._on_scan(scan, now_ns)
+        # The bridge may have missed the belief.
         is_repeated = scan.lockstep and scan.step == self.state.applied_step
         return [*self._publication(now_ns)] if is_repeated else []
 
@@ -230,7 +216,6 @@ class Coordinator(Part):
     def _on_worker_state(
         self, worker: str, answer: WorkerState, now_ns: int
     ) -> list[do.Instruction]:
-        """Process a worker's answer, which may allow continuing from a stored state."""
         if worker not in self.state.placement.live:
             return []
         self._on_worker_term(answer.term, now_ns)
@@ -245,7 +230,6 @@ class Coordinator(Part):
         return resumed + self._on_time_passed(now_ns)
 
     def _on_worker_term(self, number: int, now_ns: int) -> None:
-        """Process a worker's highest term; ask all workers again if the own term was raised."""
         if self.term.on_worker_term(number, now_ns):
             self.recovery.ask_all_again()
 
@@ -266,27 +250,27 @@ class Coordinator(Part):
 
         A changed state is published before the orders and beliefs that follow from it.
         """
+        state = self.state
         if not self.linked or self.term.outranked_by is not None:
             return []
         instructions = self._proceed(now_ns)
         if not self.term.begun:
             return instructions
         for _ in range(STEPS_AT_ONCE):
-            ready = self.state.ready(now_ns)
-            if ready is None:
+            if (ready := state.ready(now_ns)) is None:
                 break
-            self.state.apply(ready, now_ns)
+            state.apply(ready, now_ns)
             instructions += self._publication(now_ns)
-        orders = self.state.placement.orders(
+        orders = state.placement.orders(
             term=self.term.number,
-            map_digest=self.state.map_digest,
+            map_digest=state.map_digest,
             now_ns=now_ns,
-            newest_step=self.state.newest_step,
-            applied_step=self.state.applied_step,
+            newest_step=state.newest_step,
+            applied_step=state.applied_step,
         )
-        if self.state.wants_map(now_ns):
+        if state.wants_map(now_ns):
             instructions.append(do.FetchMap())
-        first = self._checkpoint(now_ns, is_new=self.state.changed or bool(orders))
+        first = self._checkpoint(now_ns, is_new=state.changed or bool(orders))
         return [*first, *(do.SendOrder(worker, order) for worker, order in orders), *instructions]
 
     def _checkpoint(self, now_ns: int, *, is_new: bool) -> list[Checkpoint]:
@@ -345,13 +329,11 @@ class Coordinator(Part):
         self.state.begin_search(first, self._prior_pose(scan))
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
-        """Return the robot's last pose, if it can be a hypothesis at this scan.
-
-        For a recording or a simulation it cannot, unless the settings name a folder for the state.
-        """
+        """Return the robot's last pose, if it can be a hypothesis at this scan."""
         last, settings = self.last_place, self.state.settings
         if last is None or settings.last_pose_probability == 0.0 or self.state.commands.forgets:
             return None
+        # For a recording or a simulation, it counts only in a folder that the settings name.
         is_live = last.live and self.state.pose.live
         if last.map_digest != scan.map_digest or not (is_live or settings.state_folder):
             return None
@@ -365,15 +347,13 @@ class Coordinator(Part):
         return self._resume(founded, now_ns)
 
     def _resume(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[do.Instruction]:
-        """Continue from the first usable state; return no instruction if there is none.
-
-        The last belief is published again: its coordinator may have died before.
-        """
+        """Continue from the first usable state; return no instruction if there is none."""
         for checkpoint in checkpoints:
             next_step = self.state.resume(checkpoint, now_ns)
             if next_step is not None:
                 for worker, answer in self.recovery.answers.items():
                     self.state.placement.on_worker_jobs(worker, answer.holds, now_ns)
+                # The other coordinator may have died before it published its last belief.
                 return [self._fetch(next_step, None), *self._publication(now_ns)]
         return []
 
@@ -386,12 +366,8 @@ class Coordinator(Part):
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
         places = tuple(map(self._floors.place, self.state.pose.hypotheses()))
-        return Hypotheses(
-            sender=self.sender,
-            pose=self.pose(now_ns),
-            hypotheses=places,
-            why=self.state.pose.outcome.why,
-        )
+        pose, why = self.pose(now_ns), self.state.pose.outcome.why
+        return Hypotheses(sender=self.sender, pose=pose, hypotheses=places, why=why)
 
     @property
     def _floors(self) -> Floors:
@@ -400,7 +376,11 @@ class Coordinator(Part):
 
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
         """Return the status; `counters` are those of the process."""
-        pose = self.pose(now_ns)
+        pose, ground, newest = (
+            self.pose(now_ns),
+            self.state.ground,
+            self.state.collector.newest_scan,
+        )
         return Status(
             sender=self.sender,
             version=self.version,
@@ -413,7 +393,7 @@ class Coordinator(Part):
             steps_applied=self.state.steps_applied,
             steps_lost=self.state.collector.steps_lost,
             reports_missing=self.state.reports_missing,
-            map_digest=self.state.known_map,
+            map_digest=self.state.map_digest or (ground.map_digest if ground else ""),
             clusters=len(self.state.ensemble.clusters),
             searching=self.state.pose.outcome.searching,
             search_progress=self.state.pose.outcome.search_progress,
@@ -422,7 +402,7 @@ class Coordinator(Part):
             uptime_s=(now_ns - self.started_ns) / 1e9,
             term=self.term.number,
             newest_step=self.state.newest_step,
-            settings=self.state.newest_settings,
+            settings=newest.settings if newest else self.state.live,
             overloaded=self.state.overload.is_overloaded,
         )
 
@@ -433,12 +413,12 @@ class Coordinator(Part):
         if scan is None or not jobs:
             problem = "there is no belief yet" if jobs else "no worker has a job"
             return Advice(sender=self.sender, note=problem)
-        views, bridge = self.state.ensemble.seen.views, self.state.bridge
+        bridge = self.state.bridge
         question = advice_question(
             outcome.hypotheses,
             outcome.elsewhere_probability,
             scan,
-            views,
+            self.state.ensemble.seen.views,
             (bridge.gate_distance_m, bridge.gate_turn_rad),
             radius_m=radius_m,
             sender=self.sender,
@@ -450,10 +430,7 @@ class Coordinator(Part):
         return self._to_message(tuple(self.state.event_log.kept))
 
     def _publication(self, now_ns: int) -> list[JobEvents | Belief | PoseAnswer]:
-        """Return what is published after a step or a command; nothing before the first step.
-
-        Events are published before the belief to which they belong.
-        """
+        """Return what is published after a step or a command; nothing before the first step."""
         scan = self.state.collector.applied
         if scan is None:
             return []

@@ -30,7 +30,6 @@ class EventLog(Part):
         del self.kept[:-KEPT_EVENTS], self.unpublished[:-KEPT_EVENTS]
 
     def recent(self) -> "EventLog":
-        """Return the log for a successor."""
         return EventLog(kept=self.kept[-HANDED_ON_EVENTS:], count=self.count)
 
     def news(self) -> tuple[NumberedEvent, ...]:

@@ -4,7 +4,7 @@ The loop creates them from messages, tokens and queries. They are recorded as Me
 replay uses the same objects.
 """
 
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import msgspec
 
@@ -43,22 +43,11 @@ class ReportArrived(_Fact, frozen=True):
     report: Report
 
 
-class WorkerJoined(_Fact, frozen=True):
-    """A worker's liveliness token appeared."""
+class WorkerChanged(_Fact, frozen=True):
+    """A worker's token appeared, is gone for certain, or reappeared after a lost link."""
 
     worker: str
-
-
-class WorkerLeft(_Fact, frozen=True):
-    """A worker's liveliness token is gone for certain."""
-
-    worker: str
-
-
-class WorkerReturned(_Fact, frozen=True):
-    """A worker's token reappeared after this process's link was lost."""
-
-    worker: str
+    how: Literal["joined", "left", "returned"]
 
 
 class WorkerStateArrived(_Fact, frozen=True):
@@ -84,10 +73,7 @@ class TokenChanged(_Fact, frozen=True):
 
 
 class LinkChanged(_Fact, frozen=True):
-    """The link to the router was lost or restored, or a pause left it uncertain who leads.
-
-    Between, the coordinator decides nothing.
-    """
+    """The link was lost or restored, or a pause left it uncertain who leads: decide nothing."""
 
     up: bool
 
@@ -119,9 +105,7 @@ Event: TypeAlias = (
     | HistoryArrived
     | OdometryArrived
     | ReportArrived
-    | WorkerJoined
-    | WorkerLeft
-    | WorkerReturned
+    | WorkerChanged
     | WorkerStateArrived
     | OrderAnswered
     | CheckpointArrived

@@ -30,14 +30,12 @@ def balanced(
     workers: Collection[str],
     may_move: Callable[[str], bool],
 ) -> dict[str, str]:
-    """Give each waiting job to the least loaded worker, then balance the load.
+    """Return the new worker of each job that changes hands, by job id.
 
-    A job moves only from a worker that has two more than another, so that it does not move back
-    soon. Of equally loaded workers, the first by name gets a job and the last by name loses one.
-    Jobs of None wait for a worker; jobs of workers that are not in `workers` stay where they are.
-
-    Returns:
-        The new worker of each job that changes hands, by job id.
+    Each waiting job, one of None, goes to the least loaded worker; then the load is balanced. A job
+    moves only from a worker that has two more than another, so that it does not move back soon. Of
+    equally loaded workers, the first by name gets a job and the last by name loses one. Jobs of
+    workers that are not in `workers` stay where they are.
     """
     if not workers:
         return {}
@@ -82,7 +80,6 @@ class PlacedJob(Part):
     worker: WorkerName | None = None
     """None: the job waits for a worker."""
     placed_ns: int = 0
-    """When the job was given to the worker [ns]."""
     reported: bool = False
     in_step: bool = False
     """Whether the present worker has reported a step in time, so it has received the job."""
@@ -90,15 +87,6 @@ class PlacedJob(Part):
     """Term of the coordinator that gave the job to its worker."""
     is_handed_on: bool = False
     """Whether another coordinator began the job."""
-
-    def is_held_as(self, held: Assignment) -> bool:
-        """Return whether a worker's assignment of the same id is this job.
-
-        The previous coordinator may have given the job to that worker after it published its state.
-        A coordinator that continued from an earlier state, or from none, reused the same ids.
-        """
-        given_since = self.is_handed_on and held.term == self.term and held.epoch > self.epoch
-        return held.epoch == self.epoch or given_since
 
 
 class Jobs(Part):
@@ -116,10 +104,7 @@ class Jobs(Part):
         return Assignment(job_id=job_id, epoch=job.epoch, job=job.job, term=job.term)
 
     def by_worker(self) -> dict[str | None, dict[str, int]]:
-        """Return the epochs of each worker's jobs by job id, in the order in which jobs began.
-
-        The key None stands for jobs that wait for a worker.
-        """
+        """Return the epochs of each worker's jobs by job id; of None: those that wait for one."""
         found: dict[str | None, dict[str, int]] = {}
         for job_id, job in self.placed.items():
             found.setdefault(job.worker, {})[job_id] = job.epoch
@@ -127,16 +112,7 @@ class Jobs(Part):
 
     def shards(self) -> dict[str, PlacedJob]:
         """Return the jobs of the running search, by id."""
-        return {
-            job_id: job for job_id, job in self.placed.items() if isinstance(job.job, SearchJob)
-        }
-
-    def of_lone_cluster(self) -> list[str]:
-        """Return the ids of all jobs, if they are one cluster, which comes first, and elsewhere."""
-        others = [i for i, job in self.placed.items() if isinstance(job.job, ElsewhereJob)]
-        clusters = [i for i, job in self.placed.items() if isinstance(job.job, TrackJob)]
-        is_lone = len(clusters) == 1 and len(others) + 1 == len(self.placed)
-        return [*clusters, *others] if is_lone else []
+        return {i: job for i, job in self.placed.items() if isinstance(job.job, SearchJob)}
 
     # --- begin, change hands and end
 
@@ -146,13 +122,6 @@ class Jobs(Part):
     def end(self, job_ids: Iterable[str]) -> None:
         for job_id in job_ids:
             self.placed.pop(job_id, None)
-
-    def resize(self, job_id: str, particles: int, first_step: int) -> str | None:
-        """Change a cluster's number of particles from a step on; return the worker, if any."""
-        job = self.placed[job_id]
-        assert isinstance(job.job, TrackJob)  # only clusters have a number of particles
-        job.job = replace(job.job, particles=particles, particles_from=first_step)
-        return job.worker
 
     def may_move(self, job_id: str) -> bool:
         """Return whether a job may leave a healthy worker; a search that has reported may not."""
@@ -168,7 +137,6 @@ class Jobs(Part):
             job.term, job.in_step = term, False
 
     def take_from(self, worker: str) -> None:
-        """Take all jobs from a worker; they wait for another one."""
         for job in self.placed.values():
             if job.worker == worker:
                 job.worker = None
@@ -198,10 +166,7 @@ class Jobs(Part):
         return None if job.worker == worker else Cause.OTHER_JOB
 
     def placed_ns(self, job_id: str) -> int:
-        """Return when the job was given to its worker [ns].
-
-        0 if the job has no worker, or if the worker has since reported a step of the job in time.
-        """
+        """Return when the job was given to its worker [ns]; 0: it has since reported in time."""
         job = self.placed.get(job_id)
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 
@@ -245,15 +210,15 @@ class Jobs(Part):
             self.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
-        """Store the jobs and snapshots that a worker reports; return those that it keeps.
-
-        The others have ended, belong to another worker by a newer epoch, or come from a coordinator
-        whose state was not adopted.
-        """
+        """Store the jobs and snapshots that a worker reports; return those that it keeps."""
         kept = []
         for held in holds:
-            job = self.placed.get(held.job_id)
-            if job is None or not job.is_held_as(held):
+            if (job := self.placed.get(held.job_id)) is None:
+                continue
+            # The previous coordinator may have given it the job after it published its state. A
+            # coordinator that continued from an earlier state, or from none, reused the same ids.
+            given_since = job.is_handed_on and held.term == job.term and held.epoch > job.epoch
+            if held.epoch != job.epoch and not given_since:
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             match job.job, held.job:

@@ -14,13 +14,8 @@ from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import Coordinator
 from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
 from clustermcl.coordinator.replica import Replica
-from clustermcl.coordinator.report_checks import (
-    check_places,
-    has_too_large_snapshot,
-    without_malformed_jobs,
-)
+from clustermcl.coordinator.report_checks import checked, without_malformed_jobs
 from clustermcl.coordinator.state_file import StateKeeper
-from clustermcl.coordinator.step_collector import without_snapshot
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Link, Received, Token, alive
 from clustermcl.protocol import keys, work
@@ -28,14 +23,13 @@ from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, AdviceQuestion
 from clustermcl.protocol.answers import Belief, CommandDone, PoseAnswer, Relocalize, SetPose, Status
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.codec import decode
-from clustermcl.protocol.errors import MapMismatchError, printable
+from clustermcl.protocol.errors import printable
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.job_events import JobEvents, event_texts
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from clustermcl.protocol.terms import check_term
 from clustermcl.recordings.maps.map_message import from_message
-from clustermcl.runtime.logs import CauseCounter
 
 ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
@@ -58,16 +52,12 @@ _log = logging.getLogger(__name__)
 
 
 class Loop:
-    """The event loop of a coordinator process, first as a follower, then as a leader.
-
-    `radius_m` is that of the robot [m]; 0: unknown.
-    """
+    """The event loop of a coordinator process, first as a follower, then as a leader."""
 
     def __init__(self, node: Node, replica: Replica, radius_m: float) -> None:
         self._node, self._replica = node, replica
         self._radius_m = radius_m or USUAL_RADIUS_M
         self._ticked_ns, self._linked = 0, True
-        self._another_map = CauseCounter()
         node.subscribe(
             keys.CHECKPOINT,
             work.Checkpoint,
@@ -140,12 +130,21 @@ class Loop:
         return not pose.is_age_guessed or time.monotonic() - begun_s > pose.settings.stale_after_s
 
     def _serve(self) -> None:
-        node = self._node
-        for key in (keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS):
-            node.serve(key, partial(self._on_asked, self._on_query))
-        node.serve(keys.ADVICE, partial(self._on_asked, self._on_advice_query))
-        for key, kind in ((keys.SET_POSE, SetPose), (keys.RELOCALIZE, Relocalize)):
-            node.serve(key, partial(self._on_asked, partial(self._on_command, kind)))
+        coordinator = self._coordinator
+        answers: dict[str, Callable[[int], Message]] = {
+            keys.POSE: coordinator.pose,
+            keys.HYPOTHESES: coordinator.hypotheses,
+            keys.EVENTS: lambda _now_ns: coordinator.events(),
+            keys.STATUS: self._status,
+        }
+        served: dict[str, Callable[[Asked], None]] = {
+            keys.ADVICE: self._on_advice_query,
+            keys.SET_POSE: partial(self._on_command, SetPose),
+            keys.RELOCALIZE: partial(self._on_command, Relocalize),
+            **{key: partial(self._on_query, answer) for key, answer in answers.items()},
+        }
+        for key, serve in served.items():
+            self._node.serve(key, partial(self._on_asked, serve))
         _log.info("coordinator ready")
 
     # --- messages
@@ -174,11 +173,6 @@ class Loop:
 
     def _on_scan(self, scan: Scan, _received: Received) -> None:
         self._node.health.happened("scans")
-        expected = self._coordinator.state.map_digest
-        if expected not in ("", scan.map_digest):
-            error = MapMismatchError(worker=scan.sender, expected=expected, found=scan.map_digest)
-            # The coordinator counts such scans.
-            self._another_map.warn(_log, "scan of another map dropped", error, time.monotonic())
         self._on(events.ScanArrived(scan))
 
     def _on_odometry(self, reading: OdometryReading, _received: Received) -> None:
@@ -189,18 +183,12 @@ class Loop:
         # The worker's name is taken from the key, which access control protects.
         worker = keys.worker_name(received.key)
         for report in work.reports_in(message):
-            self._on_report(report, worker)
-
-    def _on_report(self, report: work.Report, worker: str) -> None:
-        self._node.health.happened("reports")
-        settings = self._coordinator.state.ensemble.settings
-        check_places(report, settings)
-        if has_too_large_snapshot(report, settings):
-            # The report itself counts: the worker may have begun the job with earlier settings.
-            detail = f"{worker}, job {printable(report.job_id)}"
-            self._node.warn(_log, Cause.LARGE_SNAPSHOT, detail)
-            report = without_snapshot(report)
-        self._on(events.ReportArrived(worker, report))
+            self._node.health.happened("reports")
+            usable = checked(report, self._coordinator.state.ensemble.settings)
+            if usable is not report:
+                detail = f"{worker}, job {printable(report.job_id)}"
+                self._node.warn(_log, Cause.LARGE_SNAPSHOT, detail)
+            self._on(events.ReportArrived(worker, usable))
 
     def _on_health(self, health: Health, received: Received) -> None:
         key = received.key
@@ -220,20 +208,10 @@ class Loop:
         else:
             asked.refuse(MAY_BE_DEPOSED)
 
-    def _on_query(self, asked: Asked) -> None:
-        now_ns = time.monotonic_ns()
-        match asked.key:
-            case keys.POSE:
-                asked.answer(self._coordinator.pose(now_ns))
-            case keys.HYPOTHESES:
-                asked.answer(self._coordinator.hypotheses(now_ns))
-            case keys.EVENTS:
-                asked.answer(self._coordinator.events())
-            case _:
-                asked.answer(self._status(now_ns))
+    def _on_query(self, answer: Callable[[int], Message], asked: Asked) -> None:
+        asked.answer(answer(time.monotonic_ns()))
 
     def _on_advice_query(self, asked: Asked) -> None:
-        """Pass a question on to a worker, and its answer to the client."""
         match self._coordinator.advice_question(self._radius_m):
             case Advice() as known:
                 asked.answer(known)
@@ -350,21 +328,15 @@ class ProcessRegistry:
     def on_health(self, key: str, health: Health, now_ns: int) -> bool:
         """Store a process's health; return False if there are too many processes."""
         if len(self._newest) >= MAX_PROCESSES:
-            self._forget(now_ns)
+            self.all(now_ns)
         if len(self._newest) >= MAX_PROCESSES and key not in self._newest:
             return False
         self._newest[key] = (now_ns, health)
         return True
 
     def all(self, now_ns: int) -> tuple[Health, ...]:
-        """Return the newest health of each process, with its age; sorted by role and name."""
-        self._forget(now_ns)
-        ordered = sorted(self._newest.values(), key=lambda one: (one[1].role, one[1].sender))
-        return tuple(
-            replace(health, age_s=(now_ns - received_ns) / 1e9) for received_ns, health in ordered
-        )
-
-    def _forget(self, now_ns: int) -> None:
-        self._newest = {
-            key: one for key, one in self._newest.items() if now_ns - one[0] < FORGOTTEN_AFTER_NS
-        }
+        """Return each process's newest health with its age, by role and name; forget the silent."""
+        last_ns = now_ns - FORGOTTEN_AFTER_NS
+        self._newest = {key: one for key, one in self._newest.items() if one[0] > last_ns}
+        aged = (replace(one, age_s=(now_ns - at_ns) / 1e9) for at_ns, one in self._newest.values())
+        return tuple(sorted(aged, key=lambda one: (one.role, one.sender)))

@@ -34,9 +34,6 @@ class LiveWorker(Part):
     silent_until_ns: int = 0
     """The worker gets no order before this time, because it is first asked for its state [ns]."""
 
-    def is_resend_due(self, now_ns: int) -> bool:
-        return not self.answered and now_ns - self.sent_ns >= RESEND_AFTER_NS
-
 
 class Placement(Part):
     """Spreads jobs over live workers, and takes them from workers that are gone or too slow."""
@@ -65,7 +62,6 @@ class Placement(Part):
         self.live[worker] = LiveWorker(silent_until_ns=silent_until_ns)
 
     def on_worker_left(self, worker: str) -> None:
-        """Remove a worker; others continue its jobs from the last snapshots."""
         self.live.pop(worker, None)
         self.stragglers.forget(worker)
         self.jobs.take_from(worker)
@@ -78,11 +74,7 @@ class Placement(Part):
         live.confirmed |= confirmed
 
     def on_order_answer(self, worker: str, answer: work.OrderAnswer) -> None:
-        """Store which jobs a worker has.
-
-        A worker that was restarted unnoticed answers without the jobs that it should keep; it gets
-        the order again.
-        """
+        """Store which jobs a worker has; one that was restarted unnoticed gets the order again."""
         if (live := self.live.get(worker)) is None:
             return
         live.confirmed = {job_id: epoch for job_id, epoch, _ in answer.jobs}
@@ -97,7 +89,6 @@ class Placement(Part):
         live.ordered, live.reports_lost = None, True
 
     def on_link_back(self) -> None:
-        """Repeat all orders, because reports were lost."""
         self.silent_shards.forgive()
         for worker in self.live:
             self.repeat_order(worker)
@@ -105,9 +96,11 @@ class Placement(Part):
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
         """Change numbers of particles; `sizes`: the number and its first step, by job id."""
         for job_id, (particles, first_step) in sizes.items():
-            worker = self.jobs.resize(job_id, particles, first_step)
-            if worker is not None and worker in self.live:
-                self.live[worker].ordered = None
+            placed = self.jobs.placed[job_id]
+            assert isinstance(placed.job, work.TrackJob)  # only clusters have particles
+            placed.job = replace(placed.job, particles=particles, particles_from=first_step)
+            if (live := self.live.get(placed.worker or "")) is not None:
+                live.ordered = None
 
     # --- steps
 
@@ -132,25 +125,18 @@ class Placement(Part):
         *,
         patient: bool = False,
     ) -> None:
-        """Take the jobs of workers that were late too often.
+        """Take the jobs of workers that were late too often; `patient`: all workers are slow.
 
-        Workers with a search keep their jobs: its steps may take longer than a deadline. `patient`
-        says that all workers are slow, so that moving jobs would not help.
+        Workers with a search keep their jobs: its steps may take longer than a deadline.
         """
         placed, shards = self.jobs.placed, self.jobs.shards()
         owed = {i: placed[i] for i in expected if i in placed and i not in shards}
-        late = {
-            job.worker
-            for job_id in missing
-            if (job := owed.pop(job_id, None))
-            and job.worker
-            and now_ns >= job.placed_ns + HAND_OVER_NS
-        }
+        missed = [job for job_id in missing if (job := owed.pop(job_id, None))]
+        late = {j.worker for j in missed if j.worker and now_ns >= j.placed_ns + HAND_OVER_NS}
         reported = {job.worker for job in owed.values() if job.worker}
-        search = {job.worker for job in shards.values()}
-        for worker in self.stragglers.on_step_decided(
-            reported, late, now_ns, patient=patient, keep=search
-        ):
+        keep = {job.worker for job in shards.values()}
+        policy = self.stragglers
+        for worker in policy.on_step_decided(reported, late, now_ns, patient=patient, keep=keep):
             self.jobs.take_from(worker)
 
     # --- orders
@@ -164,10 +150,7 @@ class Placement(Part):
         newest_step: int = -1,
         applied_step: int = -1,
     ) -> list[tuple[str, work.WorkOrder]]:
-        """Give waiting jobs to workers, balance the load, and return each worker's due order.
-
-        `newest_step` is the newest step whose scan has arrived.
-        """
+        """Give waiting jobs to workers, balance the load, and return each worker's due order."""
         self.jobs.give_up_awaited(now_ns)
         self._give_up_silent_shards(newest_step, now_ns)
         ready = [name for name, live in sorted(self.live.items()) if live.silent_until_ns <= now_ns]
@@ -179,31 +162,32 @@ class Placement(Part):
         self.jobs.move(self._moves(awake or trusted), term, now_ns)
         # A step waits for a trial until its deadline, without the time for handing a job over.
         self.jobs.move(self._trials(able, trusted), term, now_ns=0)
-        jobs = self.jobs.by_worker()
-        due = {
-            name: jobs.get(name, {})
-            for name in ready
-            if live[name].ordered != jobs.get(name, {}) or live[name].is_resend_due(now_ns)
-        }
+        jobs, due = self.jobs.by_worker(), list[tuple[str, work.WorkOrder]]()
         make = partial(self._order, term=term, map_digest=map_digest, now_ns=now_ns)
-        return [(name, make(live[name], due[name], applied_step)) for name in due]
+        for name in ready:
+            worker, wanted = live[name], jobs.get(name, {})
+            is_resend_due = not worker.answered and now_ns - worker.sent_ns >= RESEND_AFTER_NS
+            if worker.ordered != wanted or is_resend_due:
+                due.append((name, make(worker, wanted, applied_step)))
+        return due
 
     def _moves(self, trusted: Sequence[str]) -> dict[str, str]:
         """Return the new worker of each job that changes hands.
 
         One worker does all jobs of a lone cluster: to wake a second one costs more than the
-        other job.
+        other job, that of elsewhere.
         """
-        lone = self.jobs.of_lone_cluster()
-        if not lone or not trusted:
+        placed = self.jobs.placed
+        clusters = [one for one in placed.values() if isinstance(one.job, work.TrackJob)]
+        others = [one for one in placed.values() if isinstance(one.job, work.ElsewhereJob)]
+        if len(clusters) != 1 or len(others) + 1 != len(placed) or not trusted:
             return balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
-        held_by = [self.jobs.placed[job_id].worker for job_id in lone]
-        at_work = [worker for worker in held_by if worker is not None and worker in trusted]
-        home = at_work[0] if at_work else min(trusted)
+        at_work = [one.worker for one in (*clusters, *others) if one.worker in trusted]
+        home = next(iter(at_work), None) or min(trusted)
         return {
             job_id: home
-            for job_id, worker in zip(lone, held_by, strict=True)
-            if worker is None or (worker != home and worker in trusted)
+            for job_id, one in placed.items()
+            if one.worker is None or (one.worker != home and one.worker in trusted)
         }
 
     def _order(
@@ -247,10 +231,7 @@ class Placement(Part):
                 self.jobs.take_from(worker)  # with its other shards
 
     def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> dict[str, str]:
-        """Return a trial job, by id, for one worker of each origin that has never reported.
-
-        Such a worker gets no search.
-        """
+        """Return a trial job, by id, for one worker of each origin that has never reported."""
         others = {origin(name): name for name in reversed(able) if name not in trusted}
         if not others:
             return {}
@@ -276,10 +257,7 @@ class Placement(Part):
     def resume(
         self, jobs: Jobs, rebuilt: Callable[[str], work.TrackJob], now_ns: int, term: int
     ) -> None:
-        """Continue with another coordinator's jobs; see `Jobs.resume`.
-
-        They replace all jobs that this coordinator ordered and that workers confirmed.
-        """
+        """Continue with another coordinator's jobs in place of the own; see `Jobs.resume`."""
         self.jobs.resume(jobs, rebuilt, self.live, now_ns, term=term)
         for worker in self.live.values():
             worker.ordered, worker.confirmed, worker.reports_lost = None, {}, True

@@ -10,7 +10,7 @@ from clustermcl.coordinator.coordinator import Started
 from clustermcl.coordinator.loop import Loop
 from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
 from clustermcl.coordinator.recorder.ring import Ring
-from clustermcl.coordinator.replica import NewestState, Replica
+from clustermcl.coordinator.replica import Replica
 from clustermcl.coordinator.state_file import StateKeeper, read
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.link.metrics import metrics_served
@@ -18,6 +18,7 @@ from clustermcl.link.node import Node
 from clustermcl.link.wire import is_alive
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import AlreadyRunningError
+from clustermcl.protocol.work import Checkpoint
 from clustermcl.runtime.claims import owned
 from clustermcl.runtime.folders import recording_folder, state_folder
 from clustermcl.runtime.main import Invocation, process_main
@@ -82,7 +83,7 @@ def follow_and_lead(
         lead(invocation, loop, replica.newest)
 
 
-def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
+def lead(invocation: Invocation, loop: Loop, known: Checkpoint | None) -> None:
     settings = invocation.settings
     robot, term = settings.robot.name, time.time_ns() // 1_000
     with ExitStack() as claims:
@@ -100,8 +101,7 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
             version=VERSION,
             now_ns=time.monotonic_ns(),
             term=term,
-            known=known.checkpoint,
-            usual_delay_ns=known.usual_delay_ns,
+            known=known,
             kept=read(folder, robot) if folder else None,
         )
         coordinator = started.coordinator()

@@ -35,15 +35,13 @@ class Term(Part):
     outranked_by: int | None = None
     """The term of another coordinator that has deposed this one."""
     claimed: int | None = None
-    """A higher term that a worker has received."""
+    """A higher term that a worker has received, first at `claimed_ns`."""
     claimed_ns: int = 0
-    """When a worker first reported a higher term [ns]."""
 
     def on_term(self, number: int) -> bool:
         """Process another coordinator's term; return whether this one's was raised.
 
-        Before this coordinator begins, its term is raised above the other one. Later, a higher
-        term deposes it.
+        It is raised only before this coordinator begins. Later, a higher term deposes it.
         """
         if self.begun:
             if number > self.number:
@@ -79,10 +77,7 @@ class Term(Part):
         return True
 
     def _raise_above(self, number: int) -> None:
-        """Raise the term and keep its last digits.
-
-        Two coordinators that receive the same term must not both choose the same higher one.
-        """
+        # The last digits stay: two coordinators that receive one term must not choose the same.
         self.number = (number // APART_US + 2) * APART_US + self.number % APART_US
 
 
@@ -97,7 +92,6 @@ class LastPlace(msgspec.Struct, frozen=True):
 
     map_digest: str
     live: bool
-    """Whether the scans were those of a robot, not of a recording or a simulation."""
     odom_from_robot: PoseTuple
     pose: PoseTuple
     covariance: Covariance
@@ -120,18 +114,15 @@ class LastPlace(msgspec.Struct, frozen=True):
     def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
         """Return the pose at a scan, with more uncertainty because the robot may have been moved.
 
-        The motion by odometry is added, unless the odometry was reset; then the robot has probably
-        not moved.
+        The motion by odometry is added, unless the odometry was reset: then it probably stood.
         """
-        pose, before, now = self.pose, self.odom_from_robot, scan.odom_from_robot
+        before, now = self.odom_from_robot, scan.odom_from_robot
         was_reset = _is_near_origin(now) and not _is_near_origin(before)
-        if not was_reset:
-            pose = moved_pose(pose, before, now)
         spread = covariance_matrix(self.covariance) + covariance_matrix(MOVED_BY_HAND)
         return PriorPose(
             step=scan.step,
-            odom_from_robot=scan.odom_from_robot,
-            pose=pose,
+            odom_from_robot=now,
+            pose=self.pose if was_reset else moved_pose(self.pose, before, now),
             covariance=covariance_tuple(spread),
             probability=probability,
         )
@@ -171,19 +162,16 @@ class StateRecovery(Part):
 
     sender: str
     began_ns: int
-    """When this coordinator began to ask, by the clock of all events."""
     received: list[Checkpoint]
     """The best states of other coordinators."""
     kept: Checkpoint | None = None
-    """State from the file; None: there is none."""
+    """State from the file."""
     kept_scan: Scan | None = None
     """The last step of the kept state, until the bridge has answered whether it still has it."""
     scan_asked_ns: int | None = None
-    """When the bridge was asked last."""
     asked_ns: dict[str, int | None] = {}
     """When the workers that have not answered were asked; None: not yet."""
     answers: dict[str, WorkerState] = {}
-    """Answers of the connected workers, by name."""
     is_of_this_run: bool = False
     """Whether a worker has received the term of the kept state, or the bridge has its scan."""
     founded: int = 0
@@ -200,7 +188,6 @@ class StateRecovery(Part):
         return kept is not None and self.is_of_this_run and self.founded <= kept.term
 
     def expect(self, worker: str) -> None:
-        """Begin to ask a worker whose token is present."""
         self.asked_ns[worker] = None
         self.answers.pop(worker, None)
 
@@ -253,12 +240,9 @@ class StateRecovery(Part):
         waited_ns = now_ns - self.began_ns
         if self.kept_scan is not None and not self.is_of_this_run and waited_ns < KNOWN_NS:
             return False
+        wait_ns = UNKNOWN_NS if len(self.answers) >= len(self.asked_ns) else SILENT_NS
         if any(checkpoint.founded for checkpoint in self.checkpoints):
             wait_ns = KNOWN_NS
-        elif len(self.answers) >= len(self.asked_ns):
-            wait_ns = UNKNOWN_NS
-        else:
-            wait_ns = SILENT_NS
         return not self.asked_ns or waited_ns >= wait_ns
 
 

@@ -8,17 +8,13 @@ from clustermcl.protocol.validity import assignment_problem
 from clustermcl.protocol.work import Report, SearchReport, TrackReport, WorkerState
 
 
-def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
-    """Return whether a snapshot holds more particles than a cluster may have."""
-    snapshot = report.snapshot if isinstance(report, TrackReport) else None
-    return snapshot is not None and snapshot.log_weights.shape[0] > settings.cluster.particles
+def checked(report: Report, settings: FilterSettings) -> Report:
+    """Return a report without its snapshot if that has more particles than the settings allow.
 
-
-def check_places(report: Report, settings: FilterSettings) -> None:
-    """Check the number of places in a report, and of their particles.
+    The report itself counts: its worker may have begun the job with earlier settings.
 
     Raises:
-        MalformedMessageError: the report has more than the settings allow.
+        MalformedMessageError: the report has more places, or particles of them, than allowed.
     """
     rules = settings.search
     match report:
@@ -31,7 +27,7 @@ def check_places(report: Report, settings: FilterSettings) -> None:
             most = int(1.0 / settings.cluster.split_min_share) + 1
             most_particles = most * rules.hand_over_particles
         case _:
-            return
+            return report
     if places > most or particles > most_particles:
         raise MalformedMessageError(
             expected=type(report).__name__,
@@ -39,6 +35,9 @@ def check_places(report: Report, settings: FilterSettings) -> None:
             f"at most {most} and {most_particles} by the settings",
             kind="more than its job allows",
         )
+    snapshot = report.snapshot if isinstance(report, TrackReport) else None
+    is_large = snapshot and snapshot.log_weights.shape[0] > settings.cluster.particles
+    return replace(report, snapshot=None) if is_large else report
 
 
 def without_malformed_jobs(state: WorkerState) -> WorkerState:

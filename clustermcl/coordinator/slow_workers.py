@@ -34,10 +34,6 @@ class Punctuality(Part):
     paused: bool = False
     pause_ends_ns: int = 0
 
-    @property
-    def is_given_up(self) -> bool:
-        return self.missed >= GIVEN_UP_AFTER
-
     def pause(self, now_ns: int) -> None:
         doublings = min(int(self.missed) - GIVEN_UP_AFTER, 8)
         self.paused = True
@@ -57,11 +53,13 @@ class StragglerPolicy(Part):
     """By name for workers that have reported, by origin for the others."""
     proven: set[str] = set()
 
+    def _record_of(self, worker: str) -> Punctuality:
+        return self.records.get(self._counted_as(worker)) or Punctuality()
+
     def on_report(self, worker: str) -> None:
         """Process a worker's report, which may be late: the worker is alive."""
         self.proven.add(worker)
-        if (record := self.records.get(worker)) is not None:
-            record.silent = False
+        self._record_of(worker).silent = False
 
     def on_step_decided(
         self,
@@ -107,11 +105,11 @@ class StragglerPolicy(Part):
     def trusted(self, workers: Sequence[str]) -> list[str]:
         """Return the workers that get a full share of the jobs.
 
-        These are the workers that have reported, and those of the same origin. Before the first
-        report, all workers are trusted. An origin that was given up is not trusted.
+        These are the workers that have reported, and those of the same origin unless it was given
+        up; before the first report, all.
         """
         known = {origin(worker) for worker in self.proven}
-        given_up = {name for name, record in self.records.items() if record.is_given_up}
+        given_up = {name for name, one in self.records.items() if one.missed >= GIVEN_UP_AFTER}
         return [
             worker
             for worker in workers
@@ -123,18 +121,15 @@ class StragglerPolicy(Part):
         return worker if worker in self.proven else origin(worker)
 
     def waits_for(self, worker: str) -> bool:
-        record = self.records.get(self._counted_as(worker))
-        return record is None or not record.silent
+        return not self._record_of(worker).silent
 
     def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
         """Return whether a worker may have jobs.
 
         After a pause it may if it `answers`: it has answered its last order, so it is not frozen.
         """
-        record = self.records.get(self._counted_as(worker))
-        if record is None or not record.paused:
-            return True
-        if answers and now_ns >= record.pause_ends_ns:
+        record = self._record_of(worker)
+        if record.paused and answers and now_ns >= record.pause_ends_ns:
             record.paused = False
             record.silent = worker not in self.proven  # no step waits for a trial
         return not record.paused
@@ -161,15 +156,14 @@ class ShardReports(Part):
 
     reports: int = 0
     step: int = -1
-    took_ns: int | None = None
-    """Duration of its first step [ns]; None: it has reported none."""
+    took_ns: int = 0
+    """Duration of its first step [ns]; 0: it has reported none."""
     times_given_up: int = 0
     watched: tuple[int, int] | None = None
     """Epoch and number of reports when the present silence began; None: it is not watched."""
     others: int = 0
     """Number of reports of other workers' shards when it began."""
     since_ns: int = 0
-    """When the present silence began [ns]."""
 
 
 class SilentShards(Part):
@@ -209,12 +203,12 @@ class SilentShards(Part):
         owes = newest_step >= max(first, record.step + 1)
         if record.watched != watched or not owes or placed.worker is None:
             is_same_worker = record.watched is not None and record.watched[0] == placed.epoch
-            if is_same_worker and record.reports and record.took_ns is None:
+            if is_same_worker and record.reports and not record.took_ns:
                 record.took_ns = now_ns - record.since_ns
             record.watched, record.others, record.since_ns = watched, reported, now_ns
             return False
         silent_ns = now_ns - record.since_ns
-        took_ns = max((other.took_ns or 0 for other in others), default=0)
+        took_ns = max((other.took_ns for other in others), default=0)
         is_overtaken = bool(others) and reported - record.others >= STEPS * len(others)
         is_silent = silent_ns >= LONGEST_NS << record.times_given_up or (
             is_overtaken and silent_ns >= max(SHORTEST_NS, TIMES_THE_OTHERS * took_ns)

@@ -4,7 +4,6 @@ A coordinator transfers what its successor needs as a `CheckpointState`.
 """
 
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 from msgspec import field
@@ -24,7 +23,6 @@ from clustermcl.coordinator.checkpoint import MAX_AGE_S, STATE_VERSION, Checkpoi
 from clustermcl.coordinator.event_log import EventLog
 from clustermcl.coordinator.placement import Placement
 from clustermcl.coordinator.step_collector import ReadyStep, StepCollector
-from clustermcl.filter.arrays import Pose
 from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, filter_with, section_with
@@ -37,13 +35,10 @@ from clustermcl.protocol.work import Checkpoint, Place, Report, TrackJob
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 
 ASK_MAP_AGAIN_NS = 2_000_000_000
-MOST_UNREPORTED = 64
 
 
 class CoordinatorState(Part):
     """The belief, the jobs, the open steps and the commands of one robot."""
-
-    local: ClassVar = frozenset({"unreported"})
 
     filter_settings: FilterSettings
     settings: CoordinatorSettings
@@ -60,8 +55,6 @@ class CoordinatorState(Part):
     steps_applied: int = 0
     reports_missing: int = 0
     """Reports that a step has lacked; not those of searches, which a later step uses."""
-    unreported: list[tuple[int, tuple[str, ...]]] = []
-    """The last steps that lacked reports, with the jobs of these."""
     overload: OverloadDetector = field(default_factory=OverloadDetector)
     map_digest: str = ""
     """Digest of the map in which the robot is localized; empty before the first scan."""
@@ -69,7 +62,6 @@ class CoordinatorState(Part):
     ground: FreeGround | None = None
     """Free ground of the last map that has arrived."""
     map_asked_ns: int | None = None
-    """When the map was requested last [ns]."""
     founded: bool = False
     """Whether the belief has had clusters, or a command has been carried out."""
     changed: bool = True
@@ -115,18 +107,10 @@ class CoordinatorState(Part):
             odometry = self.pose.since_step
             odometry.motion, odometry.bridge = settings.motion, section_with(self.bridge, live)
 
-    @property
-    def newest_settings(self) -> LiveSettings:
-        newest = self.collector.newest_scan
-        return newest.settings if newest is not None else self.live
-
     # --- what happens
 
     def on_map(self, scan: Scan) -> bool:
-        """Return whether a scan belongs to the present map; follow the bridge to a new map.
-
-        The first scan sets the map.
-        """
+        """Return whether a scan belongs to the present map; follow the bridge to a new map."""
         if not self.map_digest:
             self.map_digest, self.map_asked_ns = scan.map_digest, None
         if self.map_changes.has_changed(scan, self.map_digest):
@@ -139,11 +123,6 @@ class CoordinatorState(Part):
     def _free_ground(self) -> FreeGround | None:
         known = self.ground
         return known if known and self.map_digest in ("", known.map_digest) else None
-
-    @property
-    def known_map(self) -> str:
-        """Digest of the map of the steps, or of the bridge before the first; empty: unknown."""
-        return self.map_digest or (self.ground.map_digest if self.ground else "")
 
     def wants_map(self, now_ns: int) -> bool:
         """Return whether to request the map now, against which given poses are checked."""
@@ -169,10 +148,6 @@ class CoordinatorState(Part):
             return
         in_time = self.collector.on_report(report, now_ns)
         self.placement.on_report(report, in_time=in_time)
-        # A new cluster's job reports on the scans since its search, which no step waits for.
-        late = (step == report.step and report.job_id in jobs for step, jobs in self.unreported)
-        if not in_time and any(late):
-            self.count(Cause.REPORT_LATE)
 
     def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
         self.collector.begin_after(first_step - 1)
@@ -202,25 +177,28 @@ class CoordinatorState(Part):
         return self.collector.ready(expected, placed_ns, now_ns, deferrable)
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
-        self._use(ready.scan.settings)
-        self._detect_overload(ready, now_ns)
-        self.event_log.add(ready.scan.remarks, ready.scan.step, ready.scan.stamp_ns)
+        scan, before = ready.scan, ready.before
+        self._use(scan.settings)
+        # Steps of a search, and of a recording that waits for each belief, may take longer.
+        if not (scan.lockstep or self.pose.outcome.searching):
+            self.overload.on_step_decided(now_ns - ready.arrived_ns)
+            if self.overload.is_overloaded:
+                self.ensemble.search.postpone(scan.step)
+        self.event_log.add(scan.remarks, scan.step, scan.stamp_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
-        outcome = self.ensemble.advance(
-            ready.scan.step, ready.reports, _moved(ready), ready.scan.own_robot_found, ready.scan
-        )
+        after = np.array(scan.odom_from_robot)
+        moved = None if before is None else between(np.array(before.odom_from_robot), after)
+        outcome = self.ensemble.advance(scan.step, ready.reports, moved, scan.own_robot_found, scan)
         patient = self.overload.is_overloaded
         self.placement.on_step_decided(expected, outcome.missing, now_ns, patient=patient)
-        self.placement.jobs.step_applied(ready.scan.step)
+        self.placement.jobs.step_applied(scan.step)
         self.steps_applied += 1
-        if missing := tuple(job for job in outcome.missing if job not in self.ensemble.search_ids):
-            self.reports_missing += len(missing)
-            self.unreported = [*self.unreported, (ready.scan.step, missing)][-MOST_UNREPORTED:]
+        self.reports_missing += len(set(outcome.missing) - set(self.ensemble.search_ids))
         if not outcome.missing or set(weighing) - set(outcome.missing):
-            self.pose.weighed(ready.scan)
-        self._follow(outcome, ready.scan)
-        self._carry_out_waiting(ready.scan)
+            self.pose.weighed(scan)
+        self._follow(outcome, scan)
+        self._carry_out_waiting(scan)
 
     def _carry_out_waiting(self, applied: Scan) -> bool:
         history, ground = self.pose.history, self._free_ground
@@ -237,17 +215,6 @@ class CoordinatorState(Part):
         self.founded = True
         self._follow(outcome, applied)
         return True
-
-    def _detect_overload(self, ready: ReadyStep, now_ns: int) -> None:
-        """Postpone periodic searches while the machine is overloaded.
-
-        Steps of a search, and of a recording that waits for each belief, may take longer.
-        """
-        if ready.scan.lockstep or self.pose.outcome.searching:
-            return
-        self.overload.on_step_decided(now_ns - ready.arrived_ns)
-        if self.overload.is_overloaded:
-            self.ensemble.search.postpone(ready.scan.step)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
         """Carry out a command; return False if it waits for the first step or is refused."""
@@ -279,13 +246,9 @@ class CoordinatorState(Part):
 
     def _in_new_map(self, cluster: Cluster, applied: Scan, scan: Scan) -> Place:
         """Return a cluster's place just before the first scan of another map."""
-        mean, covariance = carried(
-            cluster.pose,
-            cluster.covariance,
-            applied.odom_from_robot,
-            scan.odom_from_robot,
-            self.ensemble.settings.motion,
-        )
+        odometry = applied.odom_from_robot, scan.odom_from_robot
+        motion = self.ensemble.settings.motion
+        mean, covariance = carried(cluster.pose, cluster.covariance, *odometry, motion)
         mean = scan.floors.in_atlas(*applied.floors.on_floor(mean))
         moved = replace(cluster, pose=mean, covariance=covariance)
         return self._redrawn(moved, cluster.probability, scan, scan.step - 1)
@@ -308,10 +271,7 @@ class CoordinatorState(Part):
     # --- from one coordinator to the next
 
     def hand_on(self, now_ns: int) -> CheckpointState:
-        """Return the state for a successor, without particles that workers hold.
-
-        Sets `changed` to False.
-        """
+        """Return the state for a successor, without particles that workers hold."""
         self.changed = False
         applied, pose = self.collector.applied, self.pose
         age_s = min(pose.age_of_s(applied.stamp_ns, now_ns), MAX_AGE_S) if applied else -1.0
@@ -325,17 +285,13 @@ class CoordinatorState(Part):
             event_log=self.event_log.recent(),
             missing=pose.outcome.missing,
             age_s=age_s,
-            age_known=pose.age_known,
             steps_applied=self.steps_applied,
             reports_missing=self.reports_missing,
             counters=dict(self.counters),
         )
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
-        """Continue from another coordinator's state; return the step that follows.
-
-        None: the state cannot be used, and at most commands were taken from it.
-        """
+        """Continue from another coordinator's state; return the next step; None: unusable."""
         try:
             state = state_in(checkpoint)
         except ValueError:
@@ -410,10 +366,3 @@ class CoordinatorState(Part):
             step=step,
             odom_from_robot=scan.odom_from_robot,
         )
-
-
-def _moved(ready: ReadyStep) -> Pose | None:
-    """Return the motion since the previously applied step, (3,); None: there was no such step."""
-    if ready.before is None:
-        return None
-    return between(np.array(ready.before.odom_from_robot), np.array(ready.scan.odom_from_robot))

@@ -8,6 +8,7 @@ other is whole. The newest counts. A checksum detects a damaged file, which is l
 import logging
 import threading
 import time
+from collections import deque
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache, partial
 from pathlib import Path
@@ -72,12 +73,13 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
     """
     target, *recent = files_of(folder, robot)
     content = with_checksum(encode(checkpoint))
-    if not sync:  # a rename, or an empty file, would make some file systems begin to write
-        with opened_to_write(recent[checkpoint.serial % 2]) as file:
-            file.write(content)
-            file.truncate()
+    if sync:
+        replace_file(target, content)
         return
-    replace_file(target, content)
+    # A rename, or an empty file, would make some file systems begin to write.
+    with opened_to_write(recent[checkpoint.serial % 2]) as file:
+        file.write(content)
+        file.truncate()
 
 
 class StateKeeper:
@@ -90,8 +92,7 @@ class StateKeeper:
     def __init__(self, folder: Path | None, robot: str, kept: Checkpoint | None) -> None:
         self._folder, self._robot = folder, robot
         self._rank = kept.rank if kept else None
-        self._changed = threading.Condition()
-        self._newest: Checkpoint | None = None
+        self._changed, self._newest = threading.Event(), deque[Checkpoint](maxlen=1)
         self._closed, self._causes = False, CauseCounter()
         self._term: int | None = None
 
@@ -108,9 +109,8 @@ class StateKeeper:
             self._term = checkpoint.term
             self._write(self._folder, checkpoint, sync=False)
             return
-        with self._changed:
-            self._newest = checkpoint
-            self._changed.notify()
+        self._newest.append(checkpoint)
+        self._changed.set()
 
     def running(self) -> AbstractContextManager[None]:
         """Write within the ``with`` block; at its end write the newest state, and wait a moment."""
@@ -119,18 +119,16 @@ class StateKeeper:
         return disk_thread(partial(self._run, self._folder), "state", self._close, LAST_WRITE_S)
 
     def _close(self) -> None:
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
+        self._closed = True
+        self._changed.set()
 
     def _run(self, folder: Path) -> None:
         sync_at_s, unsynced, closed = time.monotonic(), None, False
         while not closed:
-            wait_s = max(sync_at_s - time.monotonic(), 0.0) if unsynced else None
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._newest is not None, wait_s)
-                checkpoint, self._newest = self._newest or unsynced, None
-                closed = self._closed
+            self._changed.wait(max(sync_at_s - time.monotonic(), 0.0) if unsynced else None)
+            self._changed.clear()
+            closed = self._closed
+            checkpoint = self._newest.pop() if self._newest else unsynced
             if checkpoint is not None:
                 sync = closed or time.monotonic() >= sync_at_s
                 if closed:  # first where no slow disk is waited for

@@ -34,18 +34,11 @@ class OpenStep(Part):
     """When those reports arrived that came before the scan [ns], by job."""
 
 
-def is_bulky(report: Report) -> bool:
+def _is_bulky(report: Report | None) -> bool:
     """Return whether a report contains places with particles."""
     return isinstance(report, SearchReport) or (
         isinstance(report, TrackReport) and len(report.parts) > 0
     )
-
-
-def without_snapshot(report: Report) -> Report:
-    """Return the report without particles, which are stored with the job."""
-    if isinstance(report, TrackReport) and report.snapshot is not None:
-        return replace(report, snapshot=None)
-    return report
 
 
 class ReadyStep(msgspec.Struct, frozen=True):
@@ -55,7 +48,6 @@ class ReadyStep(msgspec.Struct, frozen=True):
     before: Scan | None
     reports: tuple[Report, ...]
     arrived_ns: int = 0
-    """When the scan arrived, by the clock of all events."""
 
 
 class StepCollector(Part):
@@ -86,25 +78,24 @@ class StepCollector(Part):
             self.open_steps = {one: opened for one, opened in self.open_steps.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
-        """Drop all open steps, and continue after step `before`.
-
-        `applied` is its scan; None: the robot is searched for.
-        """
+        """Drop all open steps; continue after step `before`, whose scan is `applied`, if any."""
         self.open_steps.clear()
         self.late.clear()
         self.applied, self.base = applied and _without_beams(applied), before
 
     @property
+    def _waiting(self) -> list[Scan]:
+        """The scans that are not applied, oldest first."""
+        scans = [opened.scan for opened in self.open_steps.values() if opened.scan]
+        return sorted(scans, key=lambda scan: scan.step)
+
+    @property
     def oldest_scan(self) -> Scan | None:
-        """The oldest scan that is not applied; None: there is none."""
-        waiting = [opened.scan for opened in self.open_steps.values() if opened.scan]
-        return min(waiting, key=lambda scan: scan.step, default=None)
+        return next(iter(self._waiting), None)
 
     @property
     def newest_scan(self) -> Scan | None:
-        """The newest scan that is not applied; None: there is none."""
-        waiting = [opened.scan for opened in self.open_steps.values() if opened.scan]
-        return max(waiting, key=lambda scan: scan.step, default=None)
+        return next(reversed(self._waiting), None)
 
     def on_scan(self, scan: Scan, now_ns: int) -> bool:
         """Store a scan; return False if it is old or known."""
@@ -145,20 +136,17 @@ class StepCollector(Part):
         newest = scan.step if scan else self.before
         if newest is not None and report.step > newest + REPORTS_AHEAD:
             return False
-        if not is_bulky(report):
-            return True
         others = (opened for step, opened in self.open_steps.items() if step != report.step)
         of_job = (opened.reports.get(report.job_id) for opened in others)
-        return sum(kept is not None and is_bulky(kept) for kept in of_job) < BULKY_REPORTS
+        return not _is_bulky(report) or sum(map(_is_bulky, of_job)) < BULKY_REPORTS
 
     def on_report(self, report: Report, now_ns: int) -> bool:
-        """Store a report of a job's present worker; return False if its step was applied.
-
-        It counts only if its scan arrives before, or soon after.
-        """
+        """Store a report of a job's present worker; return False if its step was applied."""
         if not self._is_over(report.step):
             opened = self.open_steps.setdefault(report.step, OpenStep())
-            opened.reports[report.job_id] = without_snapshot(report)
+            if isinstance(report, TrackReport):
+                report = replace(report, snapshot=None)  # which is stored with the job
+            opened.reports[report.job_id] = report
             if opened.scan is None and now_ns >= self.link_back_ns + UNANSWERED_NS:
                 opened.early[report.job_id] = now_ns
             return True
@@ -183,7 +171,7 @@ class StepCollector(Part):
         """Return the next step if it is complete or its deadline has passed, else None.
 
         A step needs the reports of the `expected` jobs; `deferrable` ones may report a step later.
-        It waits longer for a new job, given to its worker at `placed_ns`, see `Jobs.placed_ns`.
+        It waits longer for a new job; see `Jobs.placed_ns`.
         """
         scan, settings = self.oldest_scan, self.settings
         if scan is None:
@@ -205,28 +193,21 @@ class StepCollector(Part):
             is_new = newest_ns > 0 and now_ns < newest_ns + HAND_OVER_NS
             if is_new or waited_ns < int(wait_s * 1e9):
                 return None
-        return self._closed(scan, opened)
-
-    @property
-    def before(self) -> int | None:
-        """Number of the step before the next one; None: any step may be the first."""
-        return self.base if self.applied is None else self.applied.step
-
-    def _closed(self, scan: Scan, opened: OpenStep) -> ReadyStep:
-        """Return a step, which is applied now; discard older steps."""
         self.open_steps = {s: other for s, other in self.open_steps.items() if s > scan.step}
         self.steps_lost += 0 if self.before is None else scan.step - self.before - 1
         before, self.applied = self.applied, _without_beams(scan)
         reports, self.late = (*self.late, *opened.reports.values()), []
         return ReadyStep(scan, before, reports, opened.arrived_ns)
 
-    def resume(self, handed_on: "StepCollector") -> None:
-        """Continue from another coordinator's state; keep scans of later steps.
+    @property
+    def before(self) -> int | None:
+        """Number of the step before the next one; None: any step may be the first."""
+        return self.base if self.applied is None else self.applied.step
 
-        Reports are dropped: the other coordinator's jobs may have the same ids.
-        """
+    def resume(self, handed_on: "StepCollector") -> None:
+        """Continue from another coordinator's state; keep scans of later steps."""
         self.applied, self.steps_lost = handed_on.applied, handed_on.steps_lost
-        self.late.clear()
+        self.late.clear()  # as all reports: the other coordinator's jobs may have the same ids
         over = -1 if self.applied is None else self.applied.step
         self.open_steps = {
             step: OpenStep(opened.scan, opened.arrived_ns)

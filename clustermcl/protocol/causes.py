@@ -56,7 +56,6 @@ class Cause(StrEnum):
     OLD_EPOCH = "report of an old epoch", "a worker reports a job that was given to another"
     OTHER_JOB = "report of another worker's job", "a worker reports a cluster that it does not have"
     NO_ROOM = "report far ahead, or too many wait", "over 300 steps above the newest, or no room"
-    REPORT_LATE = "report late", "a report that its step has lacked came after the deadline"
     LARGE_SNAPSHOT = "snapshot with too many particles", "a worker has more than the settings allow"
     TERM_RAISED = "term raised above a worker's", "no coordinator has the higher term of a worker"
     POSE_OFF_MAP = "pose off the map refused", "a given pose has no free ground within 3 sigma"

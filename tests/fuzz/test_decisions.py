@@ -12,8 +12,7 @@ from clustermcl.coordinator.events import (
     ReportArrived,
     ScanArrived,
     TimePassed,
-    WorkerJoined,
-    WorkerLeft,
+    WorkerChanged,
 )
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.protocol import work
@@ -255,6 +254,6 @@ def happen(story: Story, what: str, reported: Any, now_ns: int) -> None:
         case "odometry":
             coordinator.handle(OdometryArrived(reported), now_ns)
         case "joined":
-            story.follow(coordinator.handle(WorkerJoined(reported), now_ns))
+            story.follow(coordinator.handle(WorkerChanged(reported, "joined"), now_ns))
         case "left":
-            story.follow(coordinator.handle(WorkerLeft(reported), now_ns))
+            story.follow(coordinator.handle(WorkerChanged(reported, "left"), now_ns))

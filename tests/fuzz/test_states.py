@@ -53,7 +53,7 @@ def real_checkpoints() -> list[Checkpoint]:
         living.kill_worker(name)
     last = living.coordinator
     assert last is not None
-    done = last.handle(events.WorkerJoined("new"), 20 * SECOND)
+    done = last.handle(events.WorkerChanged("new", "joined"), 20 * SECOND)
     return [*found, *(do for do in done if isinstance(do, Checkpoint))]
 
 
@@ -69,7 +69,7 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     scans = [events.ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     reported = (
         *(
-            events.WorkerJoined("w0"),
+            events.WorkerChanged("w0", "joined"),
             events.WorkerStateArrived("w0", nothing),
             events.TimePassed(),
             *scans,

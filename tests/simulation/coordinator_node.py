@@ -1,6 +1,5 @@
 """A coordinator process: the product's `Replica` at the end of a simulated link."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
@@ -39,7 +38,7 @@ class CoordinatorNode(Node):
 
     def _begin_process(self) -> None:
         self._replica = Replica(COORDINATOR.take_over_after_s, self.now_ns)
-        self._is_running, self._promptest_s = False, math.inf
+        self._is_running = False
         self._life: Life | None = None
 
     @property
@@ -80,7 +79,6 @@ class CoordinatorNode(Node):
     def _lead(self) -> None:
         self._written_term = 0
         self.session += 1
-        newest = self._replica.newest
         begun = started(
             sender=self.name,
             filter_settings=SETTINGS,
@@ -88,18 +86,15 @@ class CoordinatorNode(Node):
             now_ns=self.now_ns,
             # Simulated processes start at round times, real ones never at the same microsecond.
             term=self._now_us() + 1_009 * self.session + int(self.name[-1]),
-            known=newest.checkpoint,
-            usual_delay_ns=newest.usual_delay_ns,
+            known=self._replica.newest,
             kept=self.file,
         )
         coordinator = begun.coordinator()
-        life = self._life = self.laws.life(self.name, begun, coordinator, self._promptest_s)
-        self._promptest_s = math.inf
+        life = self._life = self.laws.life(self.name, begun, coordinator)
 
         def handle(event: events.Event, now_ns: int) -> list[do.Instruction]:
-            instructions = coordinator.handle(event, now_ns)
-            life.handled(event, now_ns, instructions)
-            return instructions
+            life.handled(event)
+            return coordinator.handle(event, now_ns)
 
         self._replica.lead(coordinator, self.now_ns, handle)
         self._run()
@@ -133,11 +128,6 @@ class CoordinatorNode(Node):
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         check_term(checkpoint, self._now_us() * 1_000)
-        if not self._is_running:
-            return
-        newest = self._replica.newest.checkpoint
-        if newest is None or checkpoint.rank >= newest.rank:
-            self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
         self.pass_on(events.CheckpointArrived(checkpoint))
 
     def on_scan(self, scan: Scan) -> None:

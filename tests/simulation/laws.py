@@ -8,17 +8,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from clustermcl.coordinator import events
-from clustermcl.coordinator.checkpoint import arrival, state_in
+from clustermcl.coordinator.checkpoint import state_in
 from clustermcl.coordinator.coordinator import Coordinator, Started
 from clustermcl.coordinator.instructions import (
     Instruction,
     SendOrder,
 )
-from clustermcl.coordinator.recorder.records import without_bulk
 from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.coordinator.step_collector import ReadyStep
 from clustermcl.protocol.answers import Belief, PoseAnswer
-from clustermcl.protocol.codec import encode
 from clustermcl.protocol.work import Checkpoint, TrackReport, WorkOrder
 from tests.simulation.network import SECOND, Clock
 
@@ -58,8 +56,6 @@ class Life:
     begun_from: tuple[bool, int, int] | None = None
     carried_on: list["Life"] = field(default_factory=list)
     """Those before it, from which it carries on."""
-    reported: list[tuple[int, events.Event]] = field(default_factory=list)
-    output: list[Belief] = field(default_factory=list)
     unknown_s: dict[int, float] = field(default_factory=dict)
     """By stamp: the part of a datum's age at its arrival that no process can know. For a live
     robot, odometry that arrives later than usual shows its delay."""
@@ -112,7 +108,7 @@ class Life:
         demand(later or self.laws.restarts_count, "no scan counts twice, for any coordinator")
         self.decided.append(Decided(ready.scan.step, ready.scan.stamp_ns))
 
-    def handled(self, event: events.Event, now_ns: int, done: list[Instruction]) -> None:
+    def handled(self, event: events.Event) -> None:
         match event:
             case events.OdometryArrived(reading) if reading.stamp_ns != self.newest_odometry_ns:
                 self.newest_odometry_ns = reading.stamp_ns  # the same again is no news
@@ -126,22 +122,6 @@ class Life:
             case events.HistoryArrived(scans):
                 for scan in scans:
                     self.unknown_s.setdefault(scan.stamp_ns, self.laws.age_s(scan.stamp_ns))
-        if self.laws.replays:
-            self.reported.append((now_ns, without_bulk(event)))
-            self.output += [do for do in done if isinstance(do, Belief)]
-
-    def replay(self) -> None:
-        """A coordinator with the same events gives the same instructions."""
-        again = without_bulk(self.started).coordinator()
-        output = [
-            do
-            for now_ns, event in self.reported
-            for do in again.handle(event, now_ns)
-            if isinstance(do, Belief)
-        ]
-        demand(
-            [*map(encode, output)] == [*map(encode, self.output)], "a replay gives the same beliefs"
-        )
 
 
 class WatchedState(CoordinatorState, dict=True):
@@ -160,8 +140,8 @@ class WatchedState(CoordinatorState, dict=True):
 
 
 class Laws:
-    def __init__(self, clock: Clock, *, replays: bool, live: bool) -> None:
-        self.clock, self.replays, self.live = clock, replays, live
+    def __init__(self, clock: Clock, *, live: bool) -> None:
+        self.clock, self.live = clock, live
         self.published: dict[tuple[int, int], tuple[Life, bytes]] = {}
         """By term and serial."""
         self.lives: list[Life] = []
@@ -175,12 +155,9 @@ class Laws:
         """By job and epoch: to which worker, and by whom first."""
         self.steps = 0
 
-    def life(
-        self, name: str, started: Started, coordinator: Coordinator, promptest_s: float
-    ) -> Life:
-        """A coordinator begins to recover; `promptest_s` is the least delay of data to it."""
-        is_live = started.usual_delay_ns is not None
-        life = Life(self, name, started, promptest_s=promptest_s, is_live=is_live)
+    def life(self, name: str, started: Started, coordinator: Coordinator) -> Life:
+        """A coordinator begins to recover."""
+        life = Life(self, name, started)
         life.watch(coordinator)
         self.lives.append(life)
         return life
@@ -241,14 +218,6 @@ class Laws:
             <= (age_s + TOLERANCE_S if self.live else math.inf),
             f"the pose's age is true: {pose.age_s:.3f} s reported, {age_s:.3f} s in truth",
         )
-
-    def unknown_s(self, checkpoint: Checkpoint) -> float:
-        """How much older its scan is now than it says; infinite: it has no age."""
-        arrived = arrival(checkpoint, self.clock.now_ns)
-        if arrived is None:
-            return math.inf
-        stamp_ns, arrived_ns = arrived
-        return (arrived_ns - self.taken_ns[stamp_ns]) / SECOND
 
     def age_s(self, stamp_ns: int) -> float:
         """How long ago a scan or an odometry pose was taken."""

@@ -23,18 +23,13 @@ WELL_WITHIN_S = 20.0
 
 
 class Simulation:
-    def __init__(
-        self,
-        seed: int,
-        model: SensorModel,
-        schedule: Callable[[random.Random], Schedule] = Schedule,
-    ) -> None:
+    def __init__(self, seed: int, model: SensorModel) -> None:
         self.seed, self.model = seed, model
         self.rng = random.Random(seed)
         self.clock = Clock()
         self.network = Network(self.clock, self.rng)
-        self.schedule = schedule(self.rng)
-        self.laws = Laws(self.clock, replays=seed % 8 == 0, live=not self.schedule.lockstep)
+        self.schedule = Schedule(self.rng)
+        self.laws = Laws(self.clock, live=not self.schedule.lockstep)
         network, plan = self.network, self.schedule
         network.loss, network.doubled = plan.loss, plan.doubled
         network.least_s, network.jitter_s = plan.least_s, plan.jitter_s
@@ -89,9 +84,6 @@ class Simulation:
         while self._trouble:
             demand(self.clock.now_ns < until_ns, f"all is well in the end, not: {self._trouble}")
             self.clock.step()
-        if self.laws.replays:
-            for life in self.laws.lives:
-                life.replay()
 
     def _calm(self) -> None:
         self._is_calm = True

@@ -1,8 +1,6 @@
 """Records a coordinator's events in a separate thread, so a slow disk delays no step."""
 
 import logging
-import platform
-import sys
 import threading
 import time
 from collections import deque
@@ -11,10 +9,8 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import TypeAlias
 
-import numpy as np
-
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.events import Event, HistoryArrived, ScanArrived
+from clustermcl.coordinator.events import Event
 from clustermcl.coordinator.instructions import Instruction
 from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, Ring
@@ -39,7 +35,7 @@ RETRY_S = 10.0
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
 
-_Entry: TypeAlias = records.Head | records.RecordedEvent | Json | list[Belief | JobEvents]
+_Entry: TypeAlias = records.Head | records.RecordedEvent | Json | Belief | JobEvents
 
 _log = logging.getLogger(__name__)
 
@@ -76,9 +72,8 @@ class FlightRecorder:
             return self._coordinator.handle(event, now_ns)
         self._enqueue(event, now_ns)
         instructions = self._coordinator.handle(event, now_ns)
-        decisions = [do for do in instructions if isinstance(do, (Belief, JobEvents))]
-        if decisions and self._recording:
-            self._queue.append(decisions)
+        if self._recording:
+            self._queue += [do for do in instructions if isinstance(do, (Belief, JobEvents))]
         return instructions
 
     def on_map(self, grid_map: GridMap) -> None:
@@ -98,7 +93,14 @@ class FlightRecorder:
     def _enqueue(self, event: Event, now_ns: int) -> None:
         if self._begin_file and len(self._queue) < MAX_QUEUED // 2:
             self._recording, self._begin_file = True, False
-            self._queue.append(self._head(now_ns))
+            head = records.Head(
+                version=self._coordinator.version,
+                now_ns=now_ns,
+                wall_ns=time.time_ns(),
+                first_event=self._events,
+                snapshot=records.freeze(self._coordinator),
+            )
+            self._queue.append(head)
         self._events += 1
         if self._recording and len(self._queue) >= MAX_QUEUED:
             self._recording, self._begin_file = False, True
@@ -106,17 +108,6 @@ class FlightRecorder:
             self._queue.append(records.RecordedEvent(now_ns, event))
         else:
             self._dropped += 1
-
-    def _head(self, now_ns: int) -> records.Head:
-        return records.Head(
-            version=self._coordinator.version,
-            made_with=f"Python {platform.python_version()}, numpy {np.__version__}, "
-            f"{sys.platform} {platform.machine()}",
-            now_ns=now_ns,
-            wall_ns=time.time_ns(),
-            first_event=self._events,
-            snapshot=records.freeze(self._coordinator),
-        )
 
     # --- in its own thread
 
@@ -145,13 +136,12 @@ class FlightRecorder:
         try:
             write(ring, *entry)
         except (OSError, OutputError) as error:
-            ring.abandon()
+            ring.close(broken=True)
             now_s = time.monotonic()
             problem = "the flight recorder cannot write, and will try again"
             self._causes.warn(_log, problem, error, now_s)
             was_removed = isinstance(error, FileNotFoundError)
-            wait_s = 0.0 if was_removed else RETRY_S
-            self._retry_s = now_s + wait_s
+            self._retry_s = now_s + (0.0 if was_removed else RETRY_S)
 
     def _flush(self, ring: Ring) -> None:
         """Write to the disk; count the events that are lost if this fails."""
@@ -169,45 +159,30 @@ class FlightRecorder:
             log.write(EVENTS, batch, self._at_ns, packed=True)
 
     def _write(self, ring: Ring, entry: _Entry) -> None:
+        log = ring.log
         match entry:
             case records.Head():
-                self._begin(ring, entry)
+                self._asked = False
+                log = ring.begin(entry)
+                self._wall_from_now_ns, self._at_ns = entry.wall_ns - entry.now_ns, entry.wall_ns
+                if self._map is not None:
+                    log.write(GRID, self._map, self._at_ns)
             case dict():
                 self._map = entry
-                if ring.log is not None:
-                    ring.log.write(GRID, entry, self._at_ns)
-            case records.RecordedEvent() if ring.log is not None:
-                self._at_ns = self._wall_from_now_ns + entry.now_ns
-                self._write_event(ring.log, entry)
-            case list() if ring.log is not None:
-                self._write_decisions(ring.log, entry)
-
-    def _begin(self, ring: Ring, head: records.Head) -> None:
-        self._asked = False
-        log = ring.begin(head)
-        self._wall_from_now_ns, self._at_ns = head.wall_ns - head.now_ns, head.wall_ns
-        if self._map is not None:
-            log.write(GRID, self._map, self._at_ns)
-
-    def _write_event(self, log: RunLog, recorded: records.RecordedEvent) -> None:
-        self._batch.append(records.without_bulk(recorded))
-        match recorded.event:
-            case ScanArrived(scan):
-                log.on_scan(scan, self._at_ns)
-            case HistoryArrived(scans):
-                for scan in scans:
+                if log is not None:
+                    log.write(GRID, entry, self._at_ns)
+            case records.RecordedEvent(now_ns, event) if log is not None:
+                self._at_ns = self._wall_from_now_ns + now_ns
+                self._batch.append(records.without_bulk(entry))
+                for scan in records.scans_in(event):
                     log.on_scan(scan, self._at_ns)
-        self._write_lines(log, records.happened(recorded.event))
-
-    def _write_decisions(self, log: RunLog, decisions: list[Belief | JobEvents]) -> None:
-        for decision in decisions:
-            match decision:
-                case Belief():
-                    self._write_batch(log)  # a replay expects a belief after its event
-                    log.on_belief(decision, self._at_ns)
-                case JobEvents():
-                    log.write(JOB_EVENTS, decision, self._at_ns)
-        self._write_lines(log, records.happened_to(decisions))
+                self._write_lines(log, records.happened(event))
+            case Belief() if log is not None:
+                self._write_batch(log)  # a replay expects a belief after its event
+                log.on_belief(entry, self._at_ns)
+            case JobEvents() if log is not None:
+                log.write(JOB_EVENTS, entry, self._at_ns)
+                self._write_lines(log, records.happened_to([entry]))
 
     def _write_lines(self, log: RunLog, lines: Iterable[records.Happened]) -> None:
         for line in lines:

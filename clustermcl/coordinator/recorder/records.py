@@ -4,10 +4,10 @@ A coordinator computes no belief from particles or beams, so a replay does not n
 them, a step is a hundred times smaller. A checkpoint stays as published: most have no particles.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -32,8 +32,6 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
 
     version: str
     """Version of the software; only the same version can replay the file."""
-    made_with: str
-    """Python, numpy and processor."""
     now_ns: int
     """Time by the clock of all events [ns]."""
     wall_ns: int
@@ -64,26 +62,26 @@ class Happened:
 def happened(event: events.Event) -> Iterator[Happened]:
     """Yield the text of an event, if `clustermcl replay` prints it."""
     match event:
-        case events.WorkerJoined(worker):
-            yield Happened("worker joined", worker)
-        case events.WorkerLeft(worker):
-            yield Happened("worker left", worker)
-        case events.WorkerReturned(worker):
-            yield Happened("worker is back", worker)
+        case events.WorkerChanged(worker, how):
+            yield Happened(f"worker {how}", worker)
         case events.LinkChanged(up):
             yield Happened("link is back" if up else "link lost", "to the router")
         case events.OrderAnswered(worker, answer) if answer.problem:
             yield Happened(Cause.ORDER_REFUSED, f"by {worker}: {answer.problem}")
         case events.CommandArrived(command):
-            yield _of_remark(command_remark(command))
+            remark = command_remark(command)
+            yield Happened(remark.cause, remark.detail)
+    for remark in (remark for scan in scans_in(event) for remark in scan.remarks):
+        yield Happened(remark.cause, remark.detail)
+
+
+def scans_in(event: events.Event) -> Sequence[Scan]:
+    match event:
         case events.ScanArrived(scan):
-            yield from map(_of_remark, scan.remarks)
+            return (scan,)
         case events.HistoryArrived(scans):
-            yield from (_of_remark(remark) for scan in scans for remark in scan.remarks)
-
-
-def _of_remark(remark: Remark) -> Happened:
-    return Happened(remark.cause, remark.detail)
+            return scans
+    return ()
 
 
 def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
@@ -112,15 +110,8 @@ def freeze(coordinator: Coordinator) -> bytes:
     return msgspec.msgpack.encode(without_bulk(coordinator))
 
 
-T = TypeVar("T")
-
-
-def without_bulk(value: T) -> T:
+def without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
     """Return a copy of a value without particles and beams at any depth."""
-    return cast(T, _without_bulk(value))
-
-
-def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
     match value:
         case int() | float() | str() | None | (int() | float() | str(), *_):
             return value  # most values; a list that begins with a number or a name is small
@@ -137,7 +128,7 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
             changed = _changed(fields)
             return replace(value, **changed) if changed else value
         case tuple() | list():
-            return type(value)(map(_without_bulk, value))
+            return type(value)(map(without_bulk, value))
         case dict():
             return value | _changed(value)
         case _:
@@ -156,5 +147,5 @@ def _bulky_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
 
 
 def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
-    lighter = ((name, value, _without_bulk(value)) for name, value in values.items())
+    lighter = ((name, value, without_bulk(value)) for name, value in values.items())
     return {name: light for name, value, light in lighter if light is not value}

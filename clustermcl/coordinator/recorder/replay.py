@@ -2,14 +2,13 @@
 
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, zip_longest
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
 import msgspec
 
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.instructions import Instruction
 from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from clustermcl.protocol import conversion
@@ -74,19 +73,13 @@ def _replayed_series(
             if isinstance(entry, records.Head):
                 head, wall_ns, missing = entry, entry.wall_ns, entry.first_event - events
                 if missing:
-                    yield (
-                        wall_ns,
-                        records.Happened("not recorded", f"{missing} events before {path.name}"),
-                    )
+                    about = f"{missing} events before {path.name}"
+                    yield wall_ns, records.Happened("not recorded", about)
                 if coordinator is None or missing:
-                    coordinator = _unpacked(
-                        path, "not a coordinator's snapshot", head.snapshot, Coordinator
-                    )
+                    what = "not a coordinator's snapshot"
+                    coordinator = _unpacked(path, what, head.snapshot, Coordinator)
                     events = head.first_event
-                    yield (
-                        wall_ns,
-                        records.Happened("recording", f"{path.name}, made with {head.made_with}"),
-                    )
+                    yield wall_ns, records.Happened("recording", path.name)
             else:
                 assert coordinator is not None  # each file begins with a head
                 wall_ns, events = head.wall_ns + entry.recorded.now_ns - head.now_ns, events + 1
@@ -100,7 +93,7 @@ def _replayed_series(
 def _replay(
     path: Path, coordinator: Coordinator, entry: "_Entry", number: int
 ) -> Iterator[Happening]:
-    """Pass an event, the coordinator's `number`-th, to the coordinator."""
+    """Pass an event, the coordinator's `number`-th, to the coordinator; compare the beliefs."""
     recorded, had_begun = entry.recorded, coordinator.term.begun
     yield from records.happened(recorded.event)
     try:
@@ -108,19 +101,18 @@ def _replay(
     except Exception as error:  # a recorded bug, or a forged file
         problem = f"the coordinator fails at event {number}: {type(error).__name__}: {error}"
         raise RecordingError(path, problem) from error
-    if coordinator.term.begun and not had_begun:
-        yield _begins(instructions)
-    yield from records.happened_to(instructions)
-    yield from _compared(instructions, entry)
-
-
-def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Believed]:
     beliefs = [do for do in instructions if isinstance(do, Belief)]
-    for index, belief in enumerate(beliefs):
-        same = [encode(belief)] == [encode(one) for one in entry.beliefs[index : index + 1]]
-        yield Believed(belief, same if entry.is_followed else None)
-    for belief in entry.beliefs[len(beliefs) :]:  # published only in the recording
-        yield Believed(belief, same=False)
+    if coordinator.term.begun and not had_begun:
+        first = next(do for do in instructions if isinstance(do, Checkpoint))
+        # A first belief shows that it took over.
+        yield CoordinatorActs(first.sender, first.term, beliefs[0].step if beliefs else None)
+    yield from records.happened_to(instructions)
+    for belief, written in zip_longest(beliefs, entry.beliefs):
+        if belief is None:  # published only in the recording
+            yield Believed(written, same=False)
+        else:
+            same = written is not None and encode(belief) == encode(written)
+            yield Believed(belief, same if entry.is_followed else None)
 
 
 @dataclass
@@ -199,10 +191,3 @@ def files_at(path: Path) -> list[Path]:
         names = ", ".join(each.name for each in robots)
         raise RecordingError(path, f"it contains several flight recordings: name one of {names}")
     raise RecordingError(path, "it contains no flight recording")
-
-
-def _begins(instructions: list[Instruction]) -> CoordinatorActs:
-    """Return the start of a coordinator; a first belief shows that it took over."""
-    checkpoint = next(do for do in instructions if isinstance(do, Checkpoint))
-    steps = [do.step for do in instructions if isinstance(do, Belief)]
-    return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)

@@ -34,7 +34,6 @@ class Ring:
         self._file_bytes = min(max_bytes // FILES, MAX_FILE_BYTES)
         self._number = 0
         self.log: RunLog | None = None
-        """The open file."""
 
     @property
     def is_full(self) -> bool:
@@ -73,17 +72,14 @@ class Ring:
             if self.log.is_removed:
                 raise FileNotFoundError(f"its file was removed from {self._folder}")
 
-    def close(self) -> None:
+    def close(self, *, broken: bool = False) -> None:
+        """Close the file, at once if it is `broken`: it cannot be written."""
         log, self.log = self.log, None
-        if log is not None:
-            with suppress(OutputError):  # a file without an index is readable to its last chunk
+        with suppress(OutputError):  # a file without an index is readable to its last chunk
+            if log is not None and broken:
+                log.abandon()
+            elif log is not None:
                 log.close()
-
-    def abandon(self) -> None:
-        """Close a file that cannot be written."""
-        log, self.log = self.log, None
-        if log is not None:
-            log.abandon()
 
     def _make_room(self) -> None:
         sizes = {path: path.stat().st_size for path in files_in(self._folder)}

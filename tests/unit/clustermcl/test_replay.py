@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from clustermcl.belief import bayes_update
 from clustermcl.commands import replay
 from clustermcl.commands.command import app
-from clustermcl.coordinator.events import WorkerReturned
+from clustermcl.coordinator.events import WorkerChanged
 from clustermcl.coordinator.recorder.records import Head, RecordedEvent
 from clustermcl.coordinator.recorder.ring import files_in
 from clustermcl.filter.laser.beam_fits import fit_and_through
@@ -188,7 +188,7 @@ def test_a_named_pipe_in_the_folder_is_ignored(recording: Path) -> None:
 def test_a_failure_of_the_replayed_coordinator_is_one_line(tmp_path: Path) -> None:
     """A bug that was recorded, or a forged file."""
     path = tmp_path / f"{7:017d}-000000.mcap"
-    write_file(path, head(), RecordedEvent(1, WorkerReturned("never seen")))
+    write_file(path, head(), RecordedEvent(1, WorkerChanged("never seen", "returned")))
     assert "the coordinator fails at event 1: KeyError: 'never seen'" in complaint(tmp_path)
 
 

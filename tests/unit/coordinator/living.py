@@ -122,7 +122,7 @@ class Living:
             )
         )
         for worker in list(self.workers):
-            self._handle(events.WorkerJoined(worker))
+            self._handle(events.WorkerChanged(worker, "joined"))
         self._handle(events.TimePassed())
         self.settle()
 
@@ -154,7 +154,7 @@ class Living:
 
     def kill_worker(self, name: str) -> None:
         del self.workers[name]
-        self._handle(events.WorkerLeft(name))
+        self._handle(events.WorkerChanged(name, "left"))
         self.settle()
 
     def start_worker(self, name: str) -> None:
@@ -162,7 +162,7 @@ class Living:
         self.join(name)
 
     def join(self, name: str) -> None:
-        self._handle(events.WorkerJoined(name))
+        self._handle(events.WorkerChanged(name, "joined"))
         self.settle()
 
     def command(self, command: SetPose) -> None:

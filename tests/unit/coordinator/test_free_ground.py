@@ -24,23 +24,9 @@ def room() -> FreeGround:
     return FreeGround.of(GridMap(cells, 0.1, (0.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("x", [0.81, 1.5, 2.79])
-def test_a_pose_on_free_ground_is_accepted(x: float) -> None:
-    assert room().problem_of((x, 1.0, 0.5), SHARP) is None
-
-
-@pytest.mark.parametrize(
-    "place", [(0.4, 1.0), (3.5, 1.0), (500.0, 500.0), (-1.0, 1.0), (1.5, -0.5), (1.5, 2.6)]
-)
-def test_a_pose_on_walls_on_unknown_ground_or_off_the_map_is_refused(
-    place: tuple[float, float],
-) -> None:
-    problem = room().problem_of((*place, 0.0), SHARP)
-    assert problem is not None
-    assert f"x {place[0]:.2f} m, y {place[1]:.2f} m" in problem
-
-
-def test_a_covariance_with_a_slightly_negative_variance_is_accepted() -> None:
+def test_a_pose_far_from_free_ground_is_refused_and_a_slightly_negative_variance_is_not() -> None:
+    for x, y in ((500.0, 500.0), (0.4, 1.0)):  # off the map, and in the wall
+        assert f"x {x:.2f} m, y {y:.2f} m" in str(room().problem_of((x, y, 0.0), SHARP))
     crooked = (1.0, 0.0, 0.0, 0.0, -1e-9, 0.0, 0.0, 0.0, 0.01)
     assert room().problem_of((0.0, 1.0, 0.0), crooked) is None
 

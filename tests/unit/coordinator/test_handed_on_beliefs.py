@@ -162,21 +162,17 @@ def given(command_id: str, x_m: float) -> SetPose:
     return SetPose(sender="client", command_id=command_id, pose=(x_m, 2.0, 0.5))
 
 
-def test_a_command_repeated_after_a_restart_is_not_carried_out_again(model: SensorModel) -> None:
-    living = Living(model).drive_on(14)
-    living.command(given("7", 2.0))
-    first = living.beliefs[13][-1]
-    assert first.hypotheses[0].pose == (2.0, 2.0, 0.5)
-    living.revive()
-    living.command(given("7", 2.0))
-    assert essence(living.beliefs[13][-1]) == essence(first)
-
-
-def test_random_streams_of_commands_continue_after_a_restart(model: SensorModel) -> None:
+def test_a_command_is_not_repeated_after_a_restart_and_random_streams_of_commands_continue(
+    model: SensorModel,
+) -> None:
     one, two = Living(model).drive_on(14), Living(model).drive_on(14)
     for living in (one, two):
         living.command(given("7", 2.0))
+    first = two.beliefs[13][-1]
+    assert first.hypotheses[0].pose == (2.0, 2.0, 0.5)
     two.revive()
+    two.command(given("7", 2.0))
+    assert essence(two.beliefs[13][-1]) == essence(first)
     for living in (one, two):
         living.command(given("8", 3.0))
     assert one.particles() == two.particles()

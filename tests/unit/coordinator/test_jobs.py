@@ -1,6 +1,10 @@
+from collections.abc import Mapping
+
+from hypothesis import given
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from clustermcl.coordinator.jobs import AWAITED_NS, Jobs
+from clustermcl.coordinator.jobs import AWAITED_NS, Jobs, balanced
 from clustermcl.protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
@@ -31,7 +35,6 @@ def test_an_epoch_exceeds_all_epochs_of_earlier_terms() -> None:
     assert made.by_worker() == {"b": {"c0": 72}}
     report = tracked("c0", 1, 0.1, (0.0, 0.0, 0.0), epoch=72)
     assert made.refusal_of(replace(report, epoch=71), "b") == "report of an old epoch"
-    assert made.refusal_of(report, "a") == "report of another worker's job"
     assert made.refusal_of(report, "b") is None
 
 
@@ -73,11 +76,8 @@ def test_absent_workers_keep_their_jobs_for_a_while_after_a_take_over() -> None:
     assert "a" in made.by_worker()
     made.give_up_awaited(AWAITED_NS)
     assert set(made.by_worker()) == {None}
-
-
-def test_a_worker_that_appears_in_time_keeps_its_jobs() -> None:
     made = handed_on(jobs_of("a", "c0"))
-    del made.awaited_until_ns["a"]  # as `Placement` does
+    del made.awaited_until_ns["a"]  # it appears in time: as `Placement` does
     made.give_up_awaited(10 * AWAITED_NS)
     assert made.by_worker() == {"a": {"c0": 1}}
 
@@ -88,3 +88,42 @@ def test_a_worker_keeps_its_jobs_unless_they_ended_or_were_given_away() -> None:
     kept = made.held("b", held, now_ns=2)
     assert kept == held[:1], "c1 was given away with epoch 2, and c7 is unknown"
     assert made.by_worker() == {"b": {"c0": 9}, "a": {"c1": 2}}
+
+
+WORKERS = ("a", "b", "c")
+Spread = dict[str | None, list[str]]
+
+
+def after(jobs: Spread, moves: Mapping[str, str]) -> Spread:
+    where = {job_id: worker for worker, own in jobs.items() for job_id in own}
+    where |= moves
+    return {worker: [j for j, at in where.items() if at == worker] for worker in {*jobs, *WORKERS}}
+
+
+@st.composite
+def spreads(draw: st.DrawFn) -> Spread:
+    places = draw(st.lists(st.sampled_from([None, *WORKERS, "gone"]), max_size=15))
+    jobs: Spread = {}
+    for number, place in enumerate(places):
+        jobs.setdefault(place, []).append(f"c{number}")
+    return jobs
+
+
+@given(spreads())
+def test_no_worker_has_two_jobs_more_than_another_and_no_job_waits_or_moves_for_nothing(
+    jobs: Spread,
+) -> None:
+    moves = balanced(jobs, WORKERS, lambda _: True)
+    spread = after(jobs, moves)
+    sizes = [len(spread[worker]) for worker in WORKERS]
+    assert max(sizes) - min(sizes) < 2
+    assert not spread.get(None)
+    assert not balanced(spread, WORKERS, lambda _: True)
+    assert not set(moves) & set(jobs.get("gone", [])), "a worker that may get none"
+    assert set(balanced(jobs, WORKERS, lambda _: False)) == set(jobs.get(None, []))
+
+
+def test_the_least_loaded_worker_gets_a_job_and_of_equals_the_first_by_name() -> None:
+    moves = balanced({None: ["c3", "c2"], "a": ["c0"]}, ["b", "a"], lambda _: True)
+    assert list(moves.items()) == [("c2", "b"), ("c3", "a")]
+    assert not balanced({None: ["c0"]}, [], lambda _: True), "it waits for a worker"

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from clustermcl.coordinator.checkpoint import state_in
-from clustermcl.coordinator.events import WorkerJoined
+from clustermcl.coordinator.events import WorkerChanged
 from clustermcl.coordinator.recovery import LastPlace
 from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import scan
@@ -27,27 +27,17 @@ def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
 ) -> None:
     rules = CoordinatorSettings(state_folder=state_folder)
     story = Story(rules=rules, kept=checkpoint_at(EAST, live=was_live))
-    story.handle(WorkerJoined("a"))
+    story.handle(WorkerChanged("a", "joined"))
     story.scan(0, live=live, digest=digest)
     story.finds(BOTH)
     places = {place.pose for place in story.beliefs[-1].hypotheses}
     assert places == (BOTH.keys() | {EAST} if counts else BOTH.keys())
 
 
-def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
+def test_odometry_since_the_last_run_moves_the_last_pose_unless_it_was_reset() -> None:
     last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
+    assert last.as_prior_at(scan(0, x_m=0.1), 0.1).pose == pytest.approx(EAST)
     prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
     assert prior.pose == pytest.approx((10.0, 6.0, math.pi / 2))
     assert prior.odom_from_robot == (4.0, 0.0, 0.0)
     assert prior.covariance[0] > last.covariance[0]
-
-
-def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
-    last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
-    assert last.as_prior_at(scan(0, x_m=0.1), 0.1).pose == pytest.approx(EAST)
-
-
-def test_a_state_without_clusters_has_no_last_pose() -> None:
-    story = Story("a")
-    story.scan(0)
-    assert LastPlace.of(state_in(story.checkpoints[-1])) is None

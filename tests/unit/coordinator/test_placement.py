@@ -45,28 +45,22 @@ def tracking(*workers: str, clusters: int = 1) -> Placement:
     return made
 
 
-def test_an_order_without_answer_is_repeated_with_the_same_epoch() -> None:
+@pytest.mark.parametrize("is_answered", [True, False])
+def test_an_order_without_answer_or_refused_is_repeated_with_the_same_epoch(
+    is_answered: bool,
+) -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
-    first = due(made, 0)[-1][1]
+    ((_, first),) = due(made, 0)
+    if is_answered:
+        jobs = (("c0", first.begin[0].epoch, 0),)
+        refusal = work.OrderAnswer(sender="a", order=first.order, jobs=jobs, problem="other map")
+        made.on_order_answer("a", refusal)
     assert due(made, RESEND_AFTER_NS - 1) == []
-    again = due(made, RESEND_AFTER_NS)[0][1]
-    assert again.begin == first.begin
+    ((_, again),) = due(made, RESEND_AFTER_NS)
     assert again.order > first.order
-
-
-def test_another_worker_continues_the_cluster_of_a_dead_worker_from_its_last_snapshot() -> None:
-    made = tracking("a", "b")
-    epoch = made.jobs.by_worker()["a"]["c0"]
-    snapshot = cloud_at((1.0, 2.0, 0.0), step=10)
-    made.on_report(tracked("c0", 10, 0.1, (1.0, 2.0, 0.0), snapshot=snapshot), in_time=True)
-    made.on_worker_left("a")
-    ((name, order),) = due(made, SECOND)
-    assert name == "b"
-    (assignment,) = order.begin
-    assert assignment.epoch > epoch
-    assert assignment.job.exact
-    assert assignment.job.start.step == 10
+    if not is_answered:
+        assert again.begin == first.begin
 
 
 def test_a_new_number_of_particles_reaches_the_worker_and_its_successor() -> None:
@@ -93,30 +87,10 @@ def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again()
     assert order.resize == (("c0", 500, 30),)
 
 
-def test_a_restarted_worker_gets_its_jobs_again() -> None:
+def test_a_worker_that_returns_without_its_jobs_gets_them_again() -> None:
     made = tracking("a")
     made.on_worker_joined("a")
-    assert begun(due(made, SECOND)) == {"a": ["c0"]}
-
-
-def test_ended_jobs_are_left_out_of_the_next_order() -> None:
-    made = tracking("a", clusters=2)
-    made.jobs.end(["c0"])
-    ((_, order),) = due(made, SECOND)
-    assert [job for job, _ in order.keep] == ["c1"]
-    assert order.begin == ()
-
-
-def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
-    made = tracking("a", "b", clusters=2)
-    made.repeat_order("a")
-    (name, order), *others = due(made, SECOND)
-    assert (name, order.keep, order.begin, others) == ("a", (("c0", 1),), (), [])
-    follow(made, [(name, order)])
-    assert due(made, 9 * SECOND) == []
-
-
-def test_a_worker_that_returns_without_its_jobs_gets_them_again() -> None:
+    assert begun(due(made, SECOND)) == {"a": ["c0"]}, "it was restarted"
     made = tracking("a")
     made.repeat_order("a")
     (_, order), *_ = due(made, SECOND)
@@ -140,21 +114,6 @@ def test_a_worker_given_up_before_it_joined_disturbs_no_other() -> None:
 
 def track_again(_job_id: str) -> work.TrackJob:
     return track(0)
-
-
-def test_particles_are_transferred_until_their_worker_has_confirmed_them() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0)})
-
-    def handed_on() -> list[work.Job | None]:
-        return [placed.job for placed in made.jobs_to_hand_on().placed.values()]
-
-    orders = due(made, 0)
-    assert handed_on() == [track(0)]
-    follow(made, orders)
-    assert handed_on() == [None]
-    made.on_worker_left("a")
-    assert handed_on() == [track(0)], "no worker holds them any more"
 
 
 @pytest.mark.parametrize("link_back_every", [100, 6])
@@ -195,18 +154,6 @@ def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
     made.on_report(tracked(tried[0], 2, 0.1, (1.0, 2.0, 0.0)), in_time=True)
     follow(made, due(made, 3 * SECOND))
     assert len([jobs for jobs in made.workers.values() if jobs]) == 9, "all of them are trusted"
-
-
-def test_a_refused_order_is_repeated() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0)})
-    ((_, order),) = due(made, 0)
-    refused = work.OrderAnswer(
-        sender="a", order=order.order, jobs=(("c0", order.begin[0].epoch, 0),), problem="other map"
-    )
-    made.on_order_answer("a", refused)
-    assert due(made, RESEND_AFTER_NS - 1) == []
-    assert [worker for worker, _ in due(made, RESEND_AFTER_NS)] == ["a"]
 
 
 def test_a_worker_that_is_asked_for_its_state_gets_no_order_before_its_answer() -> None:

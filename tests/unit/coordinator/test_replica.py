@@ -8,13 +8,21 @@ from clustermcl.coordinator.events import (
     LinkChanged,
     TimePassed,
     TokenChanged,
+    WorkerChanged,
 )
-from clustermcl.coordinator.instructions import AskState, FetchScans, Instruction
-from clustermcl.coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
+from clustermcl.coordinator.instructions import FetchScans, Instruction
+from clustermcl.coordinator.replica import (
+    GRACE_NS,
+    LISTEN_NS,
+    PAUSE_NS,
+    SETTLE_NS,
+    Membership,
+    Replica,
+)
 from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.reports import checkpoint, started
 
-SECOND = 1_000_000_000
+MS, SECOND = 1_000_000, 1_000_000_000
 SILENCE_S = 2.0
 GONE = TokenChanged(None, alive=False)
 LINK_DOWN, LINK_UP = LinkChanged(up=False), LinkChanged(up=True)
@@ -25,19 +33,9 @@ def state(term: int, serial: int = 0) -> Checkpoint:
 
 
 def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
-    begun = started(now_ns=now_ns, term=term, known=replica.newest.checkpoint)
-    replica.lead(begun.coordinator(), now_ns)
+    coordinator = started(now_ns=now_ns, term=term, known=replica.newest).coordinator()
+    replica.lead(coordinator, now_ns, coordinator.handle)
     return replica
-
-
-def test_a_follower_leads_when_the_leaders_token_vanishes_and_the_link_stays() -> None:
-    replica = Replica(SILENCE_S, 0)
-    replica.handle(TokenChanged(None, alive=True), 0)
-    replica.handle(TokenChanged(None, alive=False), SECOND)
-    assert not replica.is_leader_dead(SECOND + SETTLE_NS - 1)
-    assert replica.is_leader_dead(SECOND + SETTLE_NS)
-    replica.handle(LinkChanged(up=False), SECOND + SETTLE_NS)
-    assert not replica.is_leader_dead(60 * SECOND), "it has lost its own link"
 
 
 @pytest.mark.parametrize(
@@ -46,8 +44,10 @@ def test_a_follower_leads_when_the_leaders_token_vanishes_and_the_link_stays() -
         ([(CheckpointArrived(state(1)), SECOND)], 3 * SECOND),
         ([(GONE, SECOND), (CheckpointArrived(state(1)), SECOND + 1)], 3 * SECOND + 1),
         ([(GONE, SECOND), (LINK_DOWN, SECOND + 1), (LINK_UP, 100 * SECOND)], 102 * SECOND),
+        ([(CheckpointArrived(state(n)), (3 - n) * SECOND) for n in (2, 1)], 3 * SECOND),
+        ([(TokenChanged(None, alive=True), 0), (GONE, SECOND)], SECOND + SETTLE_NS),
     ],
-    ids=["it is silent", "its state arrives after its token is gone", "the own link was lost"],
+    ids=["silent", "its state after its token", "own link lost", "a lower term", "token gone"],
 )
 def test_a_follower_leads_after_a_silence_of_the_leader(
     events: list[tuple[Event | TokenChanged | LinkChanged, int]], dead_ns: int
@@ -57,17 +57,6 @@ def test_a_follower_leads_after_a_silence_of_the_leader(
         replica.handle(event, now_ns)
     assert not replica.is_leader_dead(dead_ns - 1)
     assert replica.is_leader_dead(dead_ns)
-
-
-def test_a_new_leader_asks_its_workers_and_rises_above_the_term_that_it_followed() -> None:
-    replica = Replica(SILENCE_S, 0)
-    replica.handle(CheckpointArrived(state(term=500)), 0)
-    leading(replica, SECOND, term=100)
-    assert replica.role == "recovering"
-    decided = replica.handle(TokenChanged("w0", alive=True), SECOND)
-    (ask,) = [do for do in replica.release(decided, SECOND) if isinstance(do, AskState)]
-    assert ask.question.term > 500
-    assert not replica.may_answer(SECOND)
 
 
 def test_a_leader_is_deposed_by_a_state_of_a_higher_term_and_follows_from_it() -> None:
@@ -81,7 +70,7 @@ def test_a_leader_is_deposed_by_a_state_of_a_higher_term_and_follows_from_it() -
     assert replica.role == "deposed"
     assert replica.release([*decided, state(100)], 3) == []
     replica.follow(4)
-    assert (replica.role, replica.newest.checkpoint) == ("follower", state(term=900))
+    assert (replica.role, replica.newest) == ("follower", state(term=900))
 
 
 def test_a_leader_that_was_stopped_publishes_and_answers_nothing_for_the_listening_time() -> None:
@@ -121,9 +110,37 @@ def test_a_leader_decides_nothing_while_it_may_have_lost_reports() -> None:
     assert changes == [(LINK_DOWN, woken_ns), (LINK_UP, back_ns + LISTEN_NS)]
 
 
-def test_a_state_of_a_lower_term_is_no_sign_of_life() -> None:
-    replica = Replica(SILENCE_S, 0)
-    replica.handle(CheckpointArrived(state(term=2)), SECOND)
-    replica.handle(CheckpointArrived(state(term=1)), 2 * SECOND)
-    assert replica.newest.checkpoint == state(term=2)
-    assert replica.is_leader_dead(3 * SECOND)
+def losing(*workers: str) -> Membership:
+    """The tokens of these workers vanish at one second."""
+    membership = Membership()
+    for worker in workers:
+        assert membership.token(worker, True, 0) == [WorkerChanged(worker, "joined")]
+        assert membership.token(worker, False, SECOND) == []
+    return membership
+
+
+def test_a_worker_whose_token_vanishes_leaves_after_the_settling_time() -> None:
+    membership = losing("a")
+    assert membership.left(SECOND + SETTLE_NS - 1) == []
+    assert membership.left(SECOND + SETTLE_NS) == [WorkerChanged("a", "left")]
+    assert membership.left(2 * SECOND) == []
+
+
+def test_a_token_that_reappears_within_the_settling_time_shows_a_restart() -> None:
+    membership = losing("a")
+    changes = membership.token("a", True, SECOND + 10 * MS)
+    assert changes == [WorkerChanged("a", "left"), WorkerChanged("a", "joined")]
+    assert membership.left(9 * SECOND) == []
+
+
+def test_no_worker_leaves_while_the_own_link_is_lost_or_in_the_grace_period_after_it() -> None:
+    membership = losing("a", "b")  # tokens vanish before the link does
+    membership.link(False, SECOND + MS)
+    assert membership.left(60 * SECOND) == []
+    membership.link(True, 60 * SECOND)
+    assert membership.token("a", True, 60 * SECOND + MS) == [WorkerChanged("a", "returned")]
+    membership.link(False, 61 * SECOND)
+    assert membership.left(99 * SECOND) == []
+    membership.link(True, 99 * SECOND)
+    assert membership.left(99 * SECOND + GRACE_NS - 1) == [], "it begins again"
+    assert membership.left(99 * SECOND + GRACE_NS) == [WorkerChanged("b", "left")]

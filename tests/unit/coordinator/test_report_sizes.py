@@ -1,7 +1,7 @@
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.coordinator.report_checks import check_places, has_too_large_snapshot
+from clustermcl.coordinator.report_checks import checked
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Report
@@ -15,13 +15,11 @@ SETTINGS = FilterSettings(
 """Clouds of two particles, as the tests' are; three places of 4, 1 and 1 particles."""
 
 
-def test_a_snapshot_has_no_more_particles_than_a_cluster() -> None:
+def test_a_snapshot_with_more_particles_than_a_cluster_is_left_out() -> None:
     report = reports.tracked("c0", 1, 1.0, HERE, snapshot=reports.cloud_at(HERE, 1))
-    assert not has_too_large_snapshot(report, SETTINGS)
+    assert checked(report, SETTINGS) is report
     smaller = replace(SETTINGS, cluster=ClusterSettings(particles=1))
-    assert has_too_large_snapshot(report, smaller)
-    assert not has_too_large_snapshot(reports.tracked("c0", 1, 1.0, HERE), smaller)
-    assert not has_too_large_snapshot(reports.elsewhere(1, 0.0), smaller)
+    assert checked(report, smaller) == replace(report, snapshot=None)
 
 
 def found(*counts: int) -> Report:
@@ -40,7 +38,7 @@ def found(*counts: int) -> Report:
 )
 def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> None:
     with pytest.raises(MalformedMessageError, match="by the settings") as caught:
-        check_places(report, SETTINGS)
+        checked(report, SETTINGS)
     assert caught.value.cause.endswith("more than its job allows")
 
 
@@ -54,4 +52,4 @@ def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> No
     ids=["places", "parts", "elsewhere"],
 )
 def test_a_report_with_the_largest_allowed_number_of_places_is_accepted(report: Report) -> None:
-    check_places(report, SETTINGS)
+    assert checked(report, SETTINGS) is report

@@ -16,12 +16,18 @@ from tests.unit.coordinator.test_coordinator import checkpoint_at
 STATE = checkpoint_at((10.0, 5.0, 0.0))
 
 
-def test_only_its_owner_can_read_a_state_file(tmp_path: Path) -> None:
+def test_only_its_owner_can_read_a_state_file_and_no_part_of_an_earlier_one_is_left(
+    tmp_path: Path,
+) -> None:
     folder = tmp_path / "new"
+    folder.mkdir()
+    part = files_of(folder, "robot")[0].with_suffix(".part")
+    part.touch(0o600)
+    part.write_bytes(b"half of it" * 100_000)
     write(folder, "robot", STATE, sync=True)
     assert read(folder, "robot") == STATE
     (file,) = folder.iterdir()
-    assert file == files_of(folder, "robot")[0], "no part of a file is left"
+    assert file == files_of(folder, "robot")[0]
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
 
 
@@ -45,15 +51,6 @@ def test_a_truncated_file_is_logged_and_ignored(
     assert str(file) in caplog.text
 
 
-def test_at_most_the_size_of_a_state_is_read_from_a_file(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    with files_of(tmp_path, "robot")[0].open("wb") as file:
-        file.truncate(MAX_FILE_BYTES * 1_000)
-    assert read(tmp_path, "robot") is None
-    assert f"larger than {MAX_FILE_BYTES} bytes" in caplog.text
-
-
 @pytest.mark.parametrize(
     ("state", "named"),
     [
@@ -66,17 +63,11 @@ def test_an_impossible_state_is_logged_and_ignored(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, state: Checkpoint, named: str
 ) -> None:
     write(tmp_path, "robot", state, sync=False)
+    with files_of(tmp_path, "robot")[0].open("wb") as file:
+        file.truncate(MAX_FILE_BYTES * 1_000)
     assert read(tmp_path, "robot") is None
     assert named in caplog.text
-
-
-def test_the_newest_state_is_in_the_file_at_the_end(tmp_path: Path) -> None:
-    keeper = StateKeeper(tmp_path, "robot", None)
-    with keeper.running():
-        for serial in range(5, 25):
-            keeper.offer(replace(STATE, serial=serial))
-    kept = read(tmp_path, "robot")
-    assert kept.serial == 24
+    assert f"larger than {MAX_FILE_BYTES} bytes" in caplog.text
 
 
 def test_each_state_is_written_immediately_and_synced_once_a_second(
@@ -113,26 +104,6 @@ def test_a_state_without_clusters_does_not_replace_a_belief_on_disk(tmp_path: Pa
 
 def test_the_first_state_of_a_term_is_in_the_file_before_it_is_published(tmp_path: Path) -> None:
     StateKeeper(tmp_path, "robot", None).offer(STATE)
-    assert read(tmp_path, "robot") == STATE
-
-
-def test_a_disk_that_cannot_be_written_is_logged_once_and_stops_nothing(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    occupied = tmp_path / "file"
-    occupied.write_text("not a folder")
-    keeper = StateKeeper(occupied, "robot", None)
-    with keeper.running():
-        for serial in range(3, 6):
-            keeper.offer(replace(STATE, serial=serial))
-    assert caplog.text.count("cannot be kept") == 1
-
-
-def test_an_unfinished_file_of_a_killed_process_is_written_over(tmp_path: Path) -> None:
-    file, *_ = files_of(tmp_path, "robot")
-    file.with_suffix(".part").write_bytes(b"half of it" * 100_000)
-    write(tmp_path, "robot", STATE, sync=True)
-    assert list(tmp_path.iterdir()) == [file]
     assert read(tmp_path, "robot") == STATE
 
 

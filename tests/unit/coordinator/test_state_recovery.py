@@ -3,9 +3,26 @@ import math
 from msgspec.structs import replace
 
 from clustermcl.coordinator.instructions import FetchScans
-from clustermcl.coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
+from clustermcl.coordinator.recovery import (
+    APART_US,
+    KNOWN_NS,
+    SILENT_NS,
+    UNKNOWN_NS,
+    UNSEEN_NS,
+    StateRecovery,
+    Term,
+)
 from clustermcl.coordinator.report_checks import without_malformed_jobs
-from clustermcl.protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
+from clustermcl.protocol.terms import MAX_RELAYED_AHEAD_US, check_term
+from clustermcl.protocol.work import (
+    Assignment,
+    Checkpoint,
+    ElsewhereJob,
+    OrderAnswer,
+    TakeOver,
+    TrackJob,
+    WorkerState,
+)
 from tests.unit.coordinator.reports import checkpoint, cloud_at, scan
 
 BEGAN_NS = 5_000_000_000
@@ -67,7 +84,8 @@ def test_the_file_counts_once_a_worker_has_received_its_term() -> None:
 
 
 def test_the_file_counts_once_the_bridge_shows_its_last_scan() -> None:
-    for found, counts in (((), False), ((scan(2),), False), ((scan(3),), True)):
+    other = replace(scan(3), stamp_ns=1)  # of a bridge that restarted its count of steps
+    for found, counts in (((), False), ((scan(2),), False), ((other,), False), ((scan(3),), True)):
         recovery = StateRecovery("c", BEGAN_NS, [], KEPT, scan(3))
         assert recovery.questions(7, BEGAN_NS) == [FetchScans(3, 3)]
         assert recovery.questions(7, BEGAN_NS) == [], "it was asked just now"
@@ -76,12 +94,6 @@ def test_the_file_counts_once_the_bridge_shows_its_last_scan() -> None:
         assert recovery.is_over(BEGAN_NS)
         assert recovery.checkpoints == [KEPT] * counts
         assert recovery.questions(7, BEGAN_NS + KNOWN_NS) == []
-
-
-def test_the_state_file_is_ignored_if_the_bridge_restarts_its_count_of_steps() -> None:
-    recovery = StateRecovery("c", BEGAN_NS, [], KEPT, scan(3))
-    recovery.on_history([replace(scan(3), stamp_ns=scan(3).stamp_ns + 1)])
-    assert recovery.checkpoints == []
 
 
 def test_the_file_counts_unless_a_later_coordinator_had_a_belief() -> None:
@@ -110,3 +122,53 @@ def test_only_impossible_jobs_of_a_worker_are_left_out() -> None:
     read = without_malformed_jobs(reported)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)
+
+
+OTHER = 8
+"""Term of another coordinator."""
+
+
+def test_a_term_is_raised_above_all_received_terms_before_it_begins() -> None:
+    term = Term(5)
+    assert term.on_term(OTHER)
+    raised = term.number
+    assert raised > OTHER
+    assert not term.on_term(raised), "that is its own"
+    assert term.on_term(raised + 20)
+    assert term.number > raised + 20
+    assert term.outranked_by is None
+    close = Term(OTHER + 3)
+    assert close.on_term(OTHER), "it began a moment before, and may have given jobs since"
+    assert close.number >= OTHER + APART_US
+
+
+def test_a_term_that_has_begun_is_outranked_by_the_highest_received_term() -> None:
+    term = Term(5)
+    term.begun = True
+    assert not term.on_term(5)
+    assert term.outranked_by is None
+    assert not term.on_term(7), "it stays as it is"
+    term.on_term(6)
+    assert (term.number, term.outranked_by) == (5, 7)
+
+
+def test_a_workers_term_deposes_no_coordinator_but_raises_the_term_later() -> None:
+    term = Term(5)
+    term.begun = True
+    term.on_worker_term(9, now_ns=0)
+    term.on_worker_term(8, now_ns=1)
+    assert not term.rises_above_workers(UNSEEN_NS - 1)
+    assert (term.number, term.outranked_by) == (5, None)
+    assert term.rises_above_workers(UNSEEN_NS)
+    assert term.number > 9
+    assert not term.rises_above_workers(2 * UNSEEN_NS)
+
+
+def test_a_claimed_term_leaves_room_for_higher_terms() -> None:
+    term = Term(1_000)
+    claimed = OrderAnswer(sender="w", order=1, jobs=(), term=MAX_RELAYED_AHEAD_US)
+    for _ in range(100):
+        check_term(claimed, clock_ns=0)
+        term.on_term(claimed.term)
+        assert not term.on_term(term.number)
+    check_term(TakeOver(sender="c", term=term.number), clock_ns=0)

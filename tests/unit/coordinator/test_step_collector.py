@@ -44,11 +44,11 @@ def report(job: str, step: int = 0, share: float = 1.0) -> Report:
 
 def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     made = collector(0)
-    made.on_report(report("c0"), 0)
+    made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)), 0)
     assert ready(made, "c0", "c1", at_ns=1) is None
     made.on_report(report("c1"), 0)
     given = given_out(made, "c0", "c1", at_ns=1)
-    assert {one.job_id for one in given.reports} == {"c0", "c1"}
+    assert given.reports == (report("c0"), report("c1")), "without particles"
 
 
 @pytest.mark.parametrize(("age_ns", "counts"), [(UNANSWERED_NS, True), (UNANSWERED_NS + 1, False)])
@@ -96,38 +96,23 @@ def test_steps_are_given_out_in_order_and_once() -> None:
     assert ready(made) is None
 
 
-def test_a_scan_that_never_arrives_is_counted_as_lost() -> None:
-    made = collector(0, 3)
-    for _ in range(2):
-        given_out(made, at_ns=FETCH_NS)
-    assert made.steps_lost == 2
-
-
-def test_a_lost_scan_is_reported_and_waited_for_briefly() -> None:
-    made = collector(0, 3)
+def test_lost_scans_are_reported_waited_for_and_counted_if_they_never_arrive() -> None:
+    made = collector(0, 3, 5, 7)
     given_out(made)
+    assert collector().lost_before(scan(7)) is made.lost_before(scan(1)) is None
     assert made.lost_before(scan(3)) == (1, 2)
     assert ready(made, at_ns=FETCH_NS - 1) is None
     for step in (1, 2):
         made.on_scan(scan(step), 0)
     assert [given_out(made, at_ns=1).scan.step for _ in range(3)] == [1, 2, 3]
     assert made.steps_lost == 0
-
-
-def test_a_lost_scan_is_waited_for_longer_while_the_bridge_has_not_answered() -> None:
-    made = collector(0, 2, 4)
-    given_out(made)
     made.is_fetching = True
     assert ready(made, at_ns=UNANSWERED_NS - 1) is None
     made.is_fetching = False
-    assert ready(made, at_ns=FETCH_NS) is not None, "answered, without the scan"
+    assert given_out(made, at_ns=FETCH_NS).scan.step == 5, "answered, without the scan"
     made.is_fetching = True
-    assert ready(made, at_ns=UNANSWERED_NS) is not None, "the bridge is silent"
-
-
-def test_no_scan_is_lost_before_the_first_scan_or_between_consecutive_ones() -> None:
-    assert collector().lost_before(scan(7)) is None
-    assert collector(7).lost_before(scan(8)) is None
+    assert given_out(made, at_ns=UNANSWERED_NS).scan.step == 7, "the bridge is silent"
+    assert made.steps_lost == 2
 
 
 def test_a_late_track_report_is_useless_but_a_late_search_report_is_used() -> None:
@@ -198,12 +183,6 @@ def test_before_the_first_scan_reports_are_kept_for_a_bounded_number_of_steps() 
             made.on_report(one, 0)
     assert not made.has_room_for(report("c0", KEPT_AHEAD + 1))
     assert made.has_room_for(report("c1", KEPT_AHEAD))
-
-
-def test_waiting_reports_have_no_particles() -> None:
-    made = collector(0)
-    made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)), 0)
-    assert given_out(made, "c0").reports == (report("c0"),)
 
 
 def test_a_bounded_number_of_reports_of_a_search_is_kept() -> None:

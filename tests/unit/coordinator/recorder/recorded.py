@@ -29,7 +29,6 @@ STARTED = started(term=7)
 def head(version: str = VERSION) -> Head:
     return Head(
         version=version,
-        made_with="",
         now_ns=0,
         wall_ns=0,
         first_event=0,

@@ -3,7 +3,6 @@
 import logging
 import os
 import shutil
-import time
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from msgspec.structs import replace
 
 from clustermcl.coordinator.events import HistoryArrived, ReportArrived, ScanArrived, TimePassed
 from clustermcl.coordinator.recorder import flight_recorder
-from clustermcl.coordinator.recorder.flight_recorder import MAX_QUEUED, FlightRecorder
+from clustermcl.coordinator.recorder.flight_recorder import MAX_QUEUED
 from clustermcl.coordinator.recorder.records import Happened, without_bulk
 from clustermcl.coordinator.recorder.replay import CoordinatorActs
 from clustermcl.coordinator.recorder.ring import FILES, Ring, files_in
@@ -106,20 +105,6 @@ def test_a_full_disk_is_not_filled_with_empty_files(
         recorded.handle(TimePassed(), now_ns)
     assert recorded.recorder.lost == {Cause.NOT_RECORDED: 10}
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_recorders_thread_writes_while_the_loop_runs_and_the_rest_at_its_end(
-    tmp_path: Path,
-) -> None:
-    recorder = FlightRecorder(STARTED.coordinator(), Ring(tmp_path, 7, 60_000))
-    deadline_s = time.monotonic() + 10.0
-    with recorder.running():
-        recorder.handle(TimePassed(), 0)
-        while not events_in(tmp_path):
-            assert time.monotonic() < deadline_s
-        for now_ns in range(100):
-            recorder.handle(TimePassed(), now_ns)
-    assert len(events_in(tmp_path)) == 101
 
 
 def test_only_particles_and_beams_are_left_out_of_a_recording() -> None:

@@ -1,7 +1,15 @@
-from clustermcl.coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
+import pytest
+
+from clustermcl.coordinator.change_detectors import (
+    IN_TIME_NS,
+    LATE_NS,
+    STEPS,
+    MapChangeDetector,
+    OverloadDetector,
+)
 from clustermcl.coordinator.slow_workers import GIVEN_UP_AFTER, GIVEN_UP_LATER
 from clustermcl.filter.settings import BeliefSettings
-from tests.unit.coordinator.reports import tracked
+from tests.unit.coordinator.reports import scan, tracked
 from tests.unit.coordinator.test_coordinator import NORTH, SOUTH, Story
 
 
@@ -15,26 +23,15 @@ def with_two_clusters() -> Story:
     return story
 
 
-def overloaded() -> OverloadDetector:
-    detector = OverloadDetector()
-    for _ in range(STEPS):
-        detector.on_step_decided(2 * LATE_NS)
-    return detector
-
-
-def test_an_overload_begins_only_if_most_steps_are_late() -> None:
+def test_an_overload_begins_if_most_steps_are_late_and_ends_if_they_are_well_in_time() -> None:
     detector = OverloadDetector()
     for number in range(5 * STEPS):
         detector.on_step_decided(10 * LATE_NS if number % 5 < 2 else 1_000)
         assert not detector.is_overloaded
-    assert overloaded().is_overloaded
-
-
-def test_an_overload_ends_when_steps_are_well_in_time() -> None:
-    detector = overloaded()
-    for _ in range(STEPS):
-        detector.on_step_decided(IN_TIME_NS + 1)
-    assert detector.is_overloaded, "it would soon be again"
+    for waited_ns in (2 * LATE_NS, IN_TIME_NS + 1):
+        for _ in range(STEPS):
+            detector.on_step_decided(waited_ns)
+        assert detector.is_overloaded, "it would soon be again"
     for _ in range(STEPS):
         detector.on_step_decided(IN_TIME_NS)
     assert not detector.is_overloaded
@@ -73,3 +70,18 @@ def test_the_slowest_worker_keeps_its_job_for_longer_if_all_workers_are_slow() -
     slow(story, 5 + STEPS + GIVEN_UP_AFTER, GIVEN_UP_LATER, south=None)
     story.tick(at_s=200.0)
     assert story.places["c1"] != slower
+
+
+@pytest.mark.parametrize(("scans", "changes"), [
+    ("7 new, 8 new, 9 new", True),
+    ("7 new, 8 new", False),
+    ("90 ours, 0 new, 1 new, 2 new", True),
+    ("7 new, 7 new, 7 new", True),
+    ("7 new, 8 new, 8 ours, 9 new, 10 new", False),
+    ("7 a, 8 b, 9 a, 10 b, 9 b, 8 b, 7 b", False),
+])  # fmt: skip
+def test_three_consecutive_scans_of_one_other_map_show_a_new_map(scans: str, changes: bool) -> None:
+    detector = MapChangeDetector()
+    for step, digest in map(str.split, scans.split(", ")):
+        changed = detector.has_changed(scan(int(step), digest=digest), "ours")
+    assert changed == changes
