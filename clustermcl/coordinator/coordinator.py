@@ -321,12 +321,14 @@ class Coordinator(Part):
 
     def _begin_search(self, scan: Scan) -> None:
         """Begin the first search with this scan, or with scans that were lost just before it."""
-        if self.state.ensemble.searches:
+        state, before = self.state, self.state.collector.before
+        if state.ensemble.searches:
             return
-        before = self.state.collector.before
         lost = 0 if before is None else scan.step - before - 1
         first = scan.step - (lost if lost <= MAX_LOST_BEFORE_FIRST else 0)
-        self.state.begin_search(first, self._prior_pose(scan))
+        state.collector.begin_after(first - 1)
+        state.placement.jobs.begin(state.ensemble.begin_at(first, self._prior_pose(scan)))
+        state.changed = True
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
         """Return the robot's last pose, if it can be a hypothesis at this scan."""

@@ -4,7 +4,7 @@ A job's epoch rises each time it changes hands. Reports of a replaced worker hav
 they do not count.
 """
 
-from collections.abc import Callable, Collection, Container, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Annotated, ClassVar
 
 from msgspec import Meta
@@ -171,38 +171,6 @@ class Jobs(Part):
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 
     # --- from one coordinator to the next
-
-    def resume(
-        self,
-        handed_on: "Jobs",
-        rebuilt: Callable[[str], TrackJob],
-        present: Container[str],
-        now_ns: int,
-        *,
-        term: int,
-    ) -> None:
-        """Continue with the jobs of another coordinator, of this term.
-
-        Workers that are not present keep theirs for a while. `rebuilt` makes the job of a cluster
-        whose particles only its worker holds.
-        """
-        self.placed = {
-            job_id: PlacedJob(
-                job.job or rebuilt(job_id),
-                job.epoch,
-                job.worker,
-                now_ns,
-                reported=True,
-                term=term,
-                is_handed_on=True,
-            )
-            for job_id, job in handed_on.placed.items()
-        }
-        self.awaited_until_ns = {
-            job.worker: now_ns + AWAITED_NS
-            for job in self.placed.values()
-            if job.worker is not None and job.worker not in present
-        }
 
     def give_up_awaited(self, now_ns: int) -> None:
         for worker in [w for w, until_ns in self.awaited_until_ns.items() if until_ns <= now_ns]:

@@ -12,7 +12,7 @@ from msgspec import field
 from msgspec.structs import replace
 
 from clustermcl.belief.part import Part
-from clustermcl.coordinator.jobs import HAND_OVER_NS, Jobs, PlacedJob, balanced
+from clustermcl.coordinator.jobs import AWAITED_NS, HAND_OVER_NS, Jobs, PlacedJob, balanced
 from clustermcl.coordinator.slow_workers import SilentShards, StragglerPolicy, origin
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol import work
@@ -257,7 +257,24 @@ class Placement(Part):
     def resume(
         self, jobs: Jobs, rebuilt: Callable[[str], work.TrackJob], now_ns: int, term: int
     ) -> None:
-        """Continue with another coordinator's jobs in place of the own; see `Jobs.resume`."""
-        self.jobs.resume(jobs, rebuilt, self.live, now_ns, term=term)
+        """Continue with the jobs of another coordinator, of this term, in place of the own.
+
+        Workers that are not present keep theirs for a while. `rebuilt` makes the job of a cluster
+        whose particles only its worker holds.
+        """
+        self.jobs.placed = {
+            job_id: PlacedJob(
+                job.job or rebuilt(job_id),
+                job.epoch,
+                job.worker,
+                now_ns,
+                reported=True,
+                term=term,
+                is_handed_on=True,
+            )
+            for job_id, job in jobs.placed.items()
+        }
+        holders = {job.worker for job in jobs.placed.values() if job.worker} - self.live.keys()
+        self.jobs.awaited_until_ns = dict.fromkeys(sorted(holders), now_ns + AWAITED_NS)
         for worker in self.live.values():
             worker.ordered, worker.confirmed, worker.reports_lost = None, {}, True

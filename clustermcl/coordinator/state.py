@@ -14,7 +14,7 @@ from clustermcl.belief.commands import Commands, command_remark
 from clustermcl.belief.dead_reckoning import DeadReckoning, carried
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.free_ground import FreeGround
-from clustermcl.belief.given_places import PriorPose, candidate
+from clustermcl.belief.given_places import candidate
 from clustermcl.belief.outcome import Outcome
 from clustermcl.belief.part import Part
 from clustermcl.belief.pose_tracker import PoseTracker
@@ -148,11 +148,6 @@ class CoordinatorState(Part):
             return
         in_time = self.collector.on_report(report, now_ns)
         self.placement.on_report(report, in_time=in_time)
-
-    def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
-        self.collector.begin_after(first_step - 1)
-        self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
-        self.changed = True
 
     @property
     def awaits_reports(self) -> bool:

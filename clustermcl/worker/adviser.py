@@ -16,6 +16,8 @@ from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.runtime.parent import die_with_parent
 from clustermcl.worker.worker import Advise
 
+LONGEST_S = 60.0
+"""A child that has not answered for longer hangs [s]."""
 NICENESS = 10
 """Of the child: where cores are few, steps come first."""
 
@@ -42,10 +44,8 @@ class Adviser:
         self._child = context.Process(target=_compute, args=arguments, daemon=True)
         self._child.start()
         of_child.close()
-        self._node.in_background(
-            lambda: decode(of_parent.recv_bytes(), Advice),
-            partial(self._on_done, task, self._child, of_parent),
-        )
+        on_done = partial(self._on_done, task, self._child, of_parent)
+        self._node.in_background(partial(_received, of_parent), on_done)
 
     def _on_done(
         self, task: Advise, child: ForkProcess, connection: Connection, outcome: Future[Advice]
@@ -58,6 +58,12 @@ class Adviser:
             task.question.answer(outcome.result())
         except (EOFError, OSError, MalformedMessageError):
             task.question.refuse("the process that computed the advice has failed; ask again")
+
+
+def _received(connection: Connection) -> Advice:
+    if not connection.poll(LONGEST_S):
+        raise TimeoutError
+    return decode(connection.recv_bytes(), Advice)
 
 
 def _compute(task: Advise, sender: str, connection: Connection, parent_pid: int) -> None:

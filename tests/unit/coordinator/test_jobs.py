@@ -5,6 +5,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from clustermcl.coordinator.jobs import AWAITED_NS, Jobs, balanced
+from clustermcl.coordinator.placement import Placement
+from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
@@ -23,9 +25,11 @@ def jobs_of(worker: str, *job_ids: str, term: int = 0) -> Jobs:
 
 def handed_on(jobs: Jobs, *present: str) -> Jobs:
     """The jobs as the next coordinator has them."""
-    made = Jobs()
-    made.resume(jobs, lambda _: TRACK, present, now_ns=0, term=TERM)
-    return made
+    made = Placement("c", FilterSettings(), 10)
+    for worker in present:
+        made.on_worker_joined(worker)
+    made.resume(jobs, lambda _: TRACK, 0, TERM)
+    return made.jobs
 
 
 def test_an_epoch_exceeds_all_epochs_of_earlier_terms() -> None:
