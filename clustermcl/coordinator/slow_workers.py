@@ -1,12 +1,11 @@
 """Time limits for workers that do not report, after which other workers get their jobs.
 
-The first step without a worker's report waits for one deadline. No later step waits for that
-worker until it reports again. A count of missed steps, which halves with each step in time, decides
-when the worker loses its jobs, and after which pause it gets some again.
+The first step without a worker's report waits for one deadline, later ones do not until it reports
+again. A count of missed steps, which halves with each step in time, decides when it loses its jobs,
+and for how long.
 
 Workers that have reported come first. All others with one certificate, whose names differ only in
-their number, count as one worker. Otherwise sixty workers that answer orders and compute nothing
-would each delay a step.
+their number, count as one: else sixty that compute nothing would each delay a step.
 """
 
 from collections.abc import Container, Mapping, Sequence, Set

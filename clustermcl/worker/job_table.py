@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Iterable
-from functools import partial
 from itertools import chain
 
 import msgspec
@@ -94,24 +93,21 @@ class JobTable:
         Raises:
             ValueError: the map has no free cell to search; no job is changed.
         """
-        kept = {
-            job_id: job
-            for job_id, job in self._jobs.items()
-            if (job_id, job.assignment.epoch) in order.keep
+        wanted = {*order.keep, *((given.job_id, given.epoch) for given in order.begin)}
+        kept = {i: job for i, job in self._jobs.items() if (i, job.assignment.epoch) in wanted}
+        begun = {
+            given.job_id: running(
+                given,
+                model,
+                settings,
+                sender=self._sender,
+                snapshot_every_steps=order.snapshot_every_steps,
+                arrays=self._arrays,
+            )
+            for given in order.begin
+            if given.job_id not in kept
         }
-        begin = partial(
-            running,
-            model=model,
-            settings=settings,
-            sender=self._sender,
-            snapshot_every_steps=order.snapshot_every_steps,
-            arrays=self._arrays,
-        )
-        for given in order.begin:
-            job = self._jobs.get(given.job_id)
-            is_repeated = job is not None and job.assignment.epoch == given.epoch
-            kept[given.job_id] = job if job and is_repeated else begin(given)
-        self._jobs = kept
+        self._jobs = kept | begun
         if self.is_empty:
             self._recent.clear()  # old scans, once there is a job again
         for job_id, particles, first_step in order.resize:

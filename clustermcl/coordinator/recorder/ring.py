@@ -1,9 +1,8 @@
 """The folder of a recording: files of bounded size, of which the oldest are removed.
 
-A file name consists of a number of its coordinator, the series, and the file's number in the
-series. A series is the start time [us], but higher than all in the folder, even after the clock was
-set back. So files sorted by name are in the order of writing. Files only grow, so the folder can be
-copied at any time.
+A file name consists of the series, the start time of its coordinator [us] but above all in the
+folder, and the file's number in it. So files sorted by name are in the order of writing, even after
+the clock was set back. Files only grow, so the folder can be copied at any time.
 """
 
 import re
