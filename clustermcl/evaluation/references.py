@@ -12,7 +12,7 @@ from pathlib import Path
 from clustermcl.filter.motion.trajectory import Trajectory
 from clustermcl.protocol.errors import ReferenceFileError
 from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
-from clustermcl.recordings.log_file import SkippedLine, numbers_of, stamp_ns_of, words_of_lines
+from clustermcl.recordings.log_file import SkippedLine, stamp_ns_of, words_of_lines
 
 MAX_OUTSIDE_NS = 1_000_000_000
 """Time for which the first pose holds before it, and the last after it [ns]."""
@@ -56,7 +56,7 @@ def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:
     """Return stamp [ns] and pose of one line."""
     if len(words) != _WORDS:
         raise ValueError(f"{len(words)} numbers, a TUM line has {_WORDS}: t x y z qx qy qz qw")
-    x, y, z, *quaternion = numbers_of(words[1:])
+    x, y, z, *quaternion = map(float, words[1:])
     if not max(abs(x), abs(y), abs(z)) < MAX_POSE_M:
         raise ValueError(f"({' '.join(words[1:4])}) is not a position")
     return stamp_ns_of(words[0]), (x, y, _heading(*quaternion))

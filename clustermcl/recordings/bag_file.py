@@ -74,8 +74,8 @@ class BagFile:
         self.left_out: list[SkippedLine] = []
         self._reader = self._opened()
         self.close = self._reader.close
-        connections = [one for one in self._reader.connections if one.msgcount]
-        self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in connections}
+        self._connections = [one for one in self._reader.connections if one.msgcount]
+        self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in self._connections}
 
     def of_type(self, message_type: str) -> list[str]:
         """Return the topics of a message type, sorted by name."""
@@ -89,9 +89,12 @@ class BagFile:
         Raises:
             InputFileError: of the type `error`: the encoding of a topic is not ROS's CDR.
         """
-        wanted = [one for one in self._reader.connections if one.topic in topics and one.msgcount]
+        wanted = [one for one in self._connections if one.topic in topics]
         for connection in wanted:
-            self._check_encoding(connection)
+            encoding = getattr(connection.ext, "serialization_format", "cdr")
+            if encoding != "cdr":
+                problem = f"{connection.topic} is encoded as {encoding!r:.40}, not as ROS's CDR"
+                raise self._error(self._path, problem)
         stream, number = self._reader.messages(wanted) if wanted else iter(()), 0
         left = most_unpacked(self._size, _FREE_BYTES)
         while True:
@@ -100,9 +103,8 @@ class BagFile:
                 connection, time_ns, content = next(stream)
             except StopIteration:
                 return
-            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
-                problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
-                self.left_out.append(SkippedLine(number, problem))
+            except Exception as broken:  # noqa: BLE001 - damaged bytes raise whatever they hit
+                self._leave_out(number, "from here on the bag is cut off or damaged", broken)
                 return
             if _type_of(connection) != OCCUPANCY_GRID:  # of maps, only the last is kept
                 left -= len(content)
@@ -110,11 +112,13 @@ class BagFile:
                 raise self._error(self._path, "its scans and odometry are too long unpacked")
             try:
                 message = self._decode(content, _type_of(connection))
-            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
-                problem = f"a message of {connection.topic} is damaged"
-                self.left_out.append(SkippedLine(number, f"{problem} ({_library_problem(broken)})"))
+            except Exception as broken:  # noqa: BLE001 - as above
+                self._leave_out(number, f"a message of {connection.topic} is damaged", broken)
             else:
                 yield BagMessage(number, time_ns, connection.topic, message)
+
+    def _leave_out(self, number: int, problem: str, broken: Exception) -> None:
+        self.left_out.append(SkippedLine(number, f"{problem} ({_problem_of(broken)})"))
 
     def _opened(self) -> "rosbag1.Reader | rosbag2.Reader":
         try:
@@ -136,7 +140,7 @@ class BagFile:
         except OSError as failed:
             raise self._error(self._path, os_problem(failed)) from failed
         except Exception as broken:
-            problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
+            problem = f"cannot be read as a ROS bag: {_problem_of(broken)}"
             remedy = "if it is cut off or damaged, copy it again or repair it by 'rosbag reindex' "
             remedy += "(ROS 1), 'mcap recover', or 'sqlite3 FILE .recover'"
             raise self._error(self._path, f"{problem}; {remedy}") from broken
@@ -159,12 +163,6 @@ class BagFile:
         if path.suffix != suffix != ".bag":
             raise self._error(path, f"is a bag of ROS 2: give its name the suffix {suffix}")
         return path
-
-    def _check_encoding(self, connection: "Connection") -> None:
-        encoding = getattr(connection.ext, "serialization_format", "cdr")
-        if encoding != "cdr":
-            problem = f"{connection.topic} is encoded as {encoding!r:.40}, not as ROS's CDR"
-            raise self._error(self._path, problem)
 
 
 @cache
@@ -256,5 +254,5 @@ def _suffix_of(path: Path) -> str | None:
     return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)
 
 
-def _library_problem(broken: Exception) -> str:
-    return f"{broken}" if str(broken) else type(broken).__name__
+def _problem_of(broken: Exception) -> str:
+    return str(broken) or type(broken).__name__

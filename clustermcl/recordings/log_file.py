@@ -1,17 +1,12 @@
 """Reads lines of text recordings; defines the entries into which recordings are parsed."""
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import InputFileError, RecordingError
-from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
 from clustermcl.protocol.steps import Reading
 from clustermcl.runtime import compressed
 
@@ -76,25 +71,3 @@ def stamp_ns_of(text: str) -> int:
     if not seconds.is_finite() or abs(seconds) > _MAX_STAMP_S:
         raise ValueError(f"the time {text!r} is not a time in seconds")
     return int((seconds * 1_000_000_000).to_integral_value())
-
-
-def numbers_of(words: Sequence[str]) -> list[float]:
-    return [float(word) for word in words]
-
-
-def ranges_of(words: Sequence[str]) -> ArrayBlob:
-    """Return (B,) ranges [m]; a range that is not finite means no return."""
-    with np.errstate(over="ignore"):  # 1e300 m becomes infinite
-        return ArrayBlob.of(np.array(numbers_of(words)).astype(np.float32), "float32")
-
-
-def pose_of(words: Sequence[str]) -> PoseTuple:
-    """Return a pose from three words: x, y and heading [rad].
-
-    Raises:
-        ValueError: there are not three words, one is not a number, or one is out of range.
-    """
-    x, y, heading = numbers_of(words)
-    if not (abs(x) < MAX_POSE_M and abs(y) < MAX_POSE_M and math.isfinite(heading)):
-        raise ValueError(f"({' '.join(words)}) is not a pose")
-    return x, y, math.remainder(heading, math.tau)

@@ -1,20 +1,21 @@
 """Reads recordings of all formats as readings in the order of time."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, Reading
 from clustermcl.recordings.bag_file import is_bag
-from clustermcl.recordings.carmen_log import CarmenParser, is_carmen_line
-from clustermcl.recordings.log_file import Entry, SkippedLine, words_of_lines
+from clustermcl.recordings.carmen_log import carmen_entries
+from clustermcl.recordings.log_file import Entry, SkippedLine
 from clustermcl.recordings.run_log import is_run_log, playback
 from clustermcl.runtime.extensions import extensions, names
 from clustermcl.runtime.settings import BridgeSettings
@@ -23,16 +24,10 @@ SHORTEST_MARKER_M = 8.0
 """Shortest range that marks a missing return [m]; known lasers use 8.18 m or more."""
 
 _BAND = 0.99  # 81.83 and 81.91 m, or 51.10 to 51.16 m, are the same marker
-_NEAR_BAND = 0.8
-_MIN_SHARE = 0.001
-_MIN_CONTRAST = 10.0
-_MIN_MODE = 0.5
-_MIN_REACH = 2.0
+_MIN_SHARE, _MIN_MODE = 0.001, 0.5
 MAX_DISORDER_NS = 10_000_000_000
 """Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
 
-_FORMAT_LINES = 1000
-_MAX_BAD_LINES = 1_000_000
 _BETWEEN_READINGS_NS = 1_000_000_000
 """Time between readings without stamps, as in `ClusterMCL` [ns]."""
 
@@ -43,11 +38,21 @@ class Recording:
 
     Readings are in the order of time. Stamps of odometry never decrease; scans keep their own
     stamps, at which the true pose is looked up.
+
+    Raises:
+        RecordingError: there is no scan.
     """
 
     path: Path
     readings: Sequence[Reading]
     skipped: tuple[SkippedLine, ...]
+
+    def __post_init__(self) -> None:
+        if not self.laser_count:
+            what = f"{len(self.readings)} readings of odometry, {len(self.skipped)} bad lines"
+            for line in self.skipped[:1]:
+                what += f", first line {line.line_number}: {line.problem}"
+            raise RecordingError(self.path, f"no scan in it: {what}")
 
     @property
     def laser_count(self) -> int:
@@ -78,7 +83,7 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
         try:
             own = extensions["recording_reader", name](path)
             if own is not None:
-                return _own_recording(path, own, mount)
+                return Recording(path, list(_with_stamps(own, mount)), ())
         except (OSError, ValueError) as error:
             raise RecordingError(path, f"reader {name!r}: {error}") from error
     if is_run_log(path):
@@ -89,63 +94,25 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
 
         entries, skipped = bag_entries(path, settings)
     else:
-        entries, skipped = _entries(path, mount)
+        entries, skipped = carmen_entries(path, mount)
     entries, misplaced = plausible(entries)
     skipped += misplaced
-    lasers = [reading for _, reading in entries if isinstance(reading, LaserReading)]
-    if not lasers:
-        what = f"no scan in it: {len(entries)} lines of odometry, {len(skipped)} bad lines"
-        for line in skipped[:1]:
-            what += f", first line {line.line_number}: {line.problem}"
-        raise RecordingError(path, what)
-    limit_m = range_limit_m(scan.ranges.array() for scan in lasers)
+    limit_m = range_limit_m(e.ranges.array() for _, e in entries if isinstance(e, LaserReading))
     limited = [
         replace(reading, range_max_m=min(limit_m, reading.range_max_m))
         if isinstance(reading, LaserReading)
         else reading
         for _, reading in entries
     ]
-    return Recording(
-        path=path,
-        readings=merged(limited),
-        skipped=tuple(sorted(skipped, key=lambda line: line.line_number)),
-    )
+    skipped.sort(key=lambda line: line.line_number)
+    return Recording(path, merged(limited), tuple(skipped))
 
 
-def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> Recording:
-    readings: list[Reading] = []
-    for reading in own:
-        next_ns = readings[-1].stamp_ns + _BETWEEN_READINGS_NS if readings else 0
-        readings.append(reading.as_message(next_ns, mount))
-    recording = Recording(path, readings, ())
-    if not recording.laser_count:
-        raise RecordingError(path, f"no scan in it: {len(readings)} readings of odometry")
-    return recording
-
-
-def _entries(path: Path, mount: PoseTuple) -> tuple[list[Entry], list[SkippedLine]]:
-    """Return the entries of a text recording in the order of its lines, and the skipped lines."""
-    parser, is_known = CarmenParser(mount), False
-    entries: list[Entry] = []
-    skipped: list[SkippedLine] = []
-    broken: list[SkippedLine] = []
-    for number, words in words_of_lines(path, broken):
-        is_known = is_known or is_carmen_line(words)
-        try:
-            entry = parser.parse(number, words)
-        except ValueError as problem:
-            skipped.append(SkippedLine(number, str(problem)))
-            if not is_known and len(skipped) >= _FORMAT_LINES:
-                break
-            if len(skipped) > _MAX_BAD_LINES:
-                raise RecordingError(path, f"more than {_MAX_BAD_LINES} bad lines") from None
-        else:
-            entries += [entry] if entry else []
-    if not is_known:
-        what = "not a recording: no line of a CARMEN log (ODOM, FLASER ...)"
-        what = what if skipped else "empty; expected a CARMEN log"
-        raise RecordingError(path, broken[0].problem if broken else what)
-    return parser.finished(entries), skipped + broken
+def _with_stamps(own: Iterable[OwnReading], mount: PoseTuple) -> Iterator[Reading]:
+    next_ns = 0
+    for each in own:
+        yield (reading := each.as_message(next_ns, mount))
+        next_ns = reading.stamp_ns + _BETWEEN_READINGS_NS
 
 
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
@@ -156,13 +123,15 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
     """
     stamps = np.array([reading.stamp_ns for _, reading in entries], np.int64)
     back = np.diff(stamps) < 0
-    out_of_order = np.append(back, False) | np.insert(back, 0, False)
-    lost, at = np.zeros(len(stamps), bool), np.flatnonzero(out_of_order)
-    lost[at] = np.abs(stamps[at] - _middle_of_five(stamps, at)) > MAX_DISORDER_NS
+    at, lost = np.flatnonzero(np.append(back, False) | np.insert(back, 0, False)), set[int]()
+    if len(at):
+        fives = sliding_window_view(stamps, min(5, len(stamps)))
+        middle = np.median(fives[np.clip(at - 2, 0, len(fives) - 1)], axis=1)
+        lost.update(at[np.abs(stamps[at] - middle) > MAX_DISORDER_NS].tolist())
     kept, skipped, latest_ns = list[Entry](), list[SkippedLine](), 0
-    for entry, is_lost in zip(entries, lost, strict=True):
+    for number, entry in enumerate(entries):
         line, stamp_ns = entry.line_number, entry.reading.stamp_ns
-        if is_lost:
+        if number in lost:
             problem = f"its time {stamp_ns / 1e9:.6f} s is far from that of its neighbours"
             skipped.append(SkippedLine(line, problem))
             continue
@@ -207,27 +176,14 @@ def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(earliest_after + (latest_before - earliest_after) // 2, np.int64)
 
 
-def _middle_of_five(stamps: NDArray[np.int64], at: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (n,) medians of the stamps `at` and two neighbours on either side; of all if < 5."""
-    if len(stamps) < 5:
-        return np.full(len(at), np.median(stamps) if len(stamps) else 0, np.int64)
-    first = np.clip(at - 2, 0, len(stamps) - 5)
-    return np.asarray(np.sort(stamps[first[:, None] + np.arange(5)], axis=1)[:, 2])
-
-
 def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
     """Estimate the range from which on a reading means no return.
 
     Recordings mark a missing return by the longest range of their laser: 81.91, 81.83, 51.1 or
     50 m. No format has a field for it. Ranges above 99 % of the longest are taken as a marker if
-
-    * they are at least 0.1 % of all ranges, and ten times as dense as those from 80 % of the
-      longest range on,
-    * at least half of them are the same number, unlike measured walls,
-    * the longest range is at least 8 m, and twice the median of the others.
-
-    Otherwise all ranges are measurements, and the limit is slightly more than the longest [m]. If
-    this is wrong, only beams above 99 % are affected.
+    this is at least 8 m, they are at least 0.1 % of all ranges, and at least half of them are the
+    same number, unlike measured walls. Otherwise all ranges are measurements, and the limit is
+    slightly more than the longest [m]. If this is wrong, only beams above 99 % are affected.
     """
     ranges = np.concatenate([np.empty(0, np.float32), *scans])
     ranges = ranges[np.isfinite(ranges) & (ranges > 0.0)]
@@ -235,15 +191,10 @@ def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
         return SHORTEST_MARKER_M
     longest = float(ranges.max())
     limit = _BAND * longest
-    band, others = ranges[ranges >= limit], ranges[ranges < limit]
-    near = np.count_nonzero(others >= _NEAR_BAND * longest)
-    usual = near * (1.0 - _BAND) / (_BAND - _NEAR_BAND)
+    band = ranges[ranges >= limit]
     is_marked = (
         longest >= SHORTEST_MARKER_M
-        and len(others) > 0
-        and len(band) >= _MIN_SHARE * len(ranges)
-        and len(band) >= _MIN_CONTRAST * usual
+        and _MIN_SHARE * len(ranges) <= len(band) < len(ranges)
         and int(np.unique(band, return_counts=True)[1].max()) >= _MIN_MODE * len(band)
-        and longest >= _MIN_REACH * float(np.median(others))
     )
     return limit if is_marked else longest * (2.0 - _BAND)

@@ -8,6 +8,10 @@ from numpy.typing import NDArray
 
 from clustermcl.protocol.message import PoseTuple
 
+MAX_MOUNT_M = 10.0
+"""Largest distance of a laser from the robot's centre [m]; beyond it, the data are wrong."""
+MAX_TILT_RAD = 0.1
+"""Largest tilt of a laser [rad]; at 10 m it changes a range by 5 cm."""
 _NEARLY_PARALLEL = 1.0 - 1e-8
 
 
@@ -100,3 +104,18 @@ def rigid_of(shift: Any, turn: Any) -> Rigid:
     if not (all(map(math.isfinite, numbers)) and 0.5 < length < 2.0):
         raise ValueError(f"translation {numbers[:3]}, quaternion {numbers[3:]}: not a transform")
     return Rigid(*numbers[:3], *(part / length for part in numbers[3:]))
+
+
+def is_upside_down(frame: str, base_from_laser: Rigid) -> bool:
+    """Return whether a laser is mounted upside down, so that its beams run clockwise.
+
+    Raises:
+        ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
+    """
+    up, away_m = base_from_laser.up(), math.hypot(base_from_laser.x, base_from_laser.y)
+    tilt_rad = math.acos(min(abs(up), 1.0))
+    if tilt_rad > MAX_TILT_RAD:
+        raise ValueError(f"the laser {frame!r} is tilted by {math.degrees(tilt_rad):.0f} degrees")
+    if away_m > MAX_MOUNT_M:
+        raise ValueError(f"the laser {frame!r} is {away_m:.0f} m away")
+    return up < 0.0

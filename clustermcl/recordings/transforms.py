@@ -193,10 +193,8 @@ class _Link:
             return end
         if after == 0:
             early_s = (end_ns - stamp_ns) / 1e9
-            problem, cause = (
-                f"{self._name} begins {early_s:.3f} s after that time",
-                "before the first",
-            )
-            raise TransformMissingError(problem, cause=f"{cause} transform", may_come=False)
+            problem = f"{self._name} begins {early_s:.3f} s after that time"
+            cause = "before the first transform"
+            raise TransformMissingError(problem, cause=cause, may_come=False)
         start_ns, start = known[after - 1]
         return start.towards(end, (stamp_ns - start_ns) / (end_ns - start_ns))

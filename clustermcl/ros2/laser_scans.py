@@ -14,7 +14,7 @@ from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.reading_checks import laser_problem, numbers_of
 from clustermcl.protocol.steps import LaserReading
 from clustermcl.recordings.headers import frame_name, time_of
-from clustermcl.recordings.laser_mount import is_upside_down
+from clustermcl.recordings.rigid import is_upside_down
 from clustermcl.recordings.transforms import TransformTree
 from clustermcl.ros2.outputs import SENDER
 from clustermcl.runtime.ros2_settings import Ros2Settings

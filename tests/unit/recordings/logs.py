@@ -1,6 +1,5 @@
 """Lines of recordings, small enough to read, and readings as robots send them."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,16 +29,9 @@ def flaser(
     odometry: Sequence[object] = ORIGIN,
     ranges: Sequence[object] = (1.0,) * 180,
     pose: Sequence[object] | None = None,
-    logged: object = None,
 ) -> str:
     first = odometry if pose is None else pose
-    tail = (stamp, "host", stamp if logged is None else logged)
-    return words("FLASER", len(ranges), *ranges, *first, *odometry, *tail)
-
-
-def raw_laser(stamp: object, ranges: Sequence[object], limit: object = 80.0) -> str:
-    config = (0, -math.pi / 2, math.pi, math.pi / 180, limit, 0.01, 0)
-    return words("RAWLASER1", *config, len(ranges), *ranges, 2, 7, 8, stamp, "host", stamp)
+    return words("FLASER", len(ranges), *ranges, *first, *odometry, stamp, "host", stamp)
 
 
 def robot_laser(

@@ -9,12 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from typer.testing import CliRunner
 
-from clustermcl.commands.command import app
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
-from clustermcl.protocol.errors import MapFileError, RecordingError
+from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.protocol.steps import Landmark, LaserBeams, LaserReading, OdometryReading, Scan
@@ -23,13 +21,11 @@ from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.recording import open_recording
 from clustermcl.recordings.run_log import (
     BELIEF,
-    GRID,
     JOB_EVENTS,
     RunLog,
     RunLogReader,
     is_run_log,
     last_map,
-    map_in,
 )
 from clustermcl.runtime.output_files import OutputError
 from clustermcl.runtime.settings import BridgeSettings
@@ -94,17 +90,12 @@ def as_others_read(path: Path) -> dict[str, list[dict[str, Any]]]:
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             assert schema is not None
-            assert channel.message_encoding == "json"
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            assert schema.name.startswith("foxglove." if channel.topic in FIELDS else "")
             found.setdefault(channel.topic, []).append(json.loads(message.data))
     return found
 
 
-SCHEMAS = {
-    "/map": "foxglove.Grid", "/tf": "foxglove.FrameTransform", "/scan": "foxglove.LaserScan",
-    "/scan_1": "foxglove.LaserScan", "/pose": "foxglove.PoseInFrame",
-    "/places": "foxglove.SceneUpdate", "/belief": "clustermcl.belief",
-    "/events": "clustermcl.events",
-}  # fmt: skip
 AT = {"timestamp", "frame_id"}
 FIELDS = {
     "/map": AT | {"pose", "column_count", "cell_size", "row_stride", "cell_stride", "fields",
@@ -118,13 +109,6 @@ FIELDS = {
 
 
 def test_messages_have_the_schemas_and_fields_that_foxglove_reads(run: Path) -> None:
-    with run.open("rb") as file:
-        found_schemas = {
-            channel.topic: schema.name
-            for schema, channel, _ in make_reader(file).iter_messages()
-            if schema is not None and schema.encoding == "jsonschema"
-        }
-    assert found_schemas == SCHEMAS
     found = as_others_read(run)
     for topic, fields in FIELDS.items():
         assert fields <= found[topic][0].keys(), topic
@@ -295,38 +279,6 @@ def test_endless_topics_messages_and_runs_are_refused(
     monkeypatch.setattr(run_log, "MAX_PLAYBACK_BYTES", 10_000)
     with pytest.raises(RecordingError, match="too long unpacked"):
         open_recording(path, BridgeSettings())
-
-
-@pytest.mark.parametrize(
-    ("topic", "content"),
-    [(GRID, {}), (GRID, {"nonsense": 1}), ("/scan", {"ranges": []}), ("/tf", {"timestamp": 1})],
-)
-def test_malformed_messages_are_refused_in_one_line(
-    tmp_path: Path, topic: str, content: dict[str, Any]
-) -> None:
-    path = tmp_path / "run.mcap"
-    with RunLog(path) as log:
-        log.write(topic, msgspec.Raw(msgspec.json.encode(content)), 0)
-    with pytest.raises(RecordingError, match=topic if topic != GRID else "no scan in it"):
-        open_recording(path, BridgeSettings())
-    if topic == GRID:
-        with pytest.raises(MapFileError, match="/map"):
-            load_map(path)
-
-
-def test_a_map_that_is_not_rectangular_is_refused_in_one_line(run: Path, tmp_path: Path) -> None:
-    message = next(one for one in RunLogReader(run).messages() if one.topic == GRID)
-    grid = msgspec.json.decode(message.data)
-    grid["column_count"] += 1
-    bent = message._replace(data=msgspec.json.encode(grid))
-    with pytest.raises(RecordingError, match="/map"):
-        map_in(bent, tmp_path)
-
-
-def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["record", str(tmp_path / "nowhere" / "run.mcap")])
-    assert isinstance(done.exception, OutputError)
-    assert "folder does not exist" in str(done.exception)
 
 
 def test_a_full_disk_is_reported_in_one_line() -> None:
