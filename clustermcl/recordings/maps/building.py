@@ -14,7 +14,6 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, TypeAlias
 
 import msgspec
@@ -51,6 +50,17 @@ class _Building(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     floors: Annotated[dict[FloorName, _File | _Floor], Meta(min_length=1, max_length=MAX_FLOORS)]
     links: Annotated[tuple[Link, ...], Meta(max_length=MAX_LINKS)] = ()
 
+    def __post_init__(self) -> None:
+        for link in self.links:
+            name = printable(link.name)
+            if unknown := sorted(link.at.keys() - self.floors.keys()):
+                held = ", ".join(self.floors)
+                raise ValueError(
+                    f"link {name!r} names the unknown floor {unknown[0]!r}; floors are {held}"
+                )
+            if len(link.at) < 2:
+                raise ValueError(f"link {name!r} begins and ends on one floor")
+
     def files(self, path: Path) -> dict[str, Path]:
         return {
             name: _found(floor if isinstance(floor, str) else floor.map, path)
@@ -78,9 +88,9 @@ class _LevelLink(msgspec.Struct, frozen=True):
     to_point: _Point
 
     def link(self) -> Link:
-        ends = (self.from_point, self.to_point)
-        name = " - ".join(end.level_id for end in ends)[:64]
-        return Link(name, {end.level_id: end.point[:2] for end in ends})
+        one, other = self.from_point, self.to_point
+        at = {end.level_id: end.point[:2] for end in (one, other)}
+        return Link(f"{one.level_id} - {other.level_id}"[:64], at)
 
 
 class _Levels(msgspec.Struct, frozen=True):
@@ -121,11 +131,10 @@ def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap
     atlas = atlas_of(maps, building.links, building.heights_m)
     for link in building.links:
         for name, (x, y) in link.at.items():
-            across, up, _ = atlas.floors.in_atlas(name, (x, y, 0.0))
-            if atlas.floors.floor(name).distance_m(across, up) > 0.0:
+            floor = atlas.floors.floor(name)
+            if floor.distance_m(x + floor.shift[0], y + floor.shift[1]) > 0.0:
                 where = f"{printable(link.name)!r} is outside of floor {printable(name)!r}"
-                problem = f"link {where}: x {x:g} m, y {y:g} m is not on its map"
-                raise MapFileError(path, problem)
+                raise MapFileError(path, f"link {where}: x {x:g} m, y {y:g} m is not on its map")
     return atlas
 
 
@@ -141,9 +150,7 @@ def floor_files(path: Path) -> dict[str, Path]:
 
 
 def atlas_of(
-    maps: Mapping[str, GridMap],
-    links: tuple[Link, ...] = (),
-    heights_m: Mapping[str, float] = MappingProxyType({}),
+    maps: Mapping[str, GridMap], links: tuple[Link, ...], heights_m: Mapping[str, float]
 ) -> GridMap:
     """Return several floors as one map: side by side along x, in cells of the finest."""
     cell_m = min(each.cell_m for each in maps.values())
@@ -172,18 +179,10 @@ def _parsed(content: bytes, path: Path) -> _Building:
     values, _ = yaml_of(content, path, MapFileError)
     kind: Any = _Levels if isinstance(values, dict) and "maps" in values else _Building
     try:
-        read = converted(_with_text_keys(values), kind)
+        read: _Levels | _Building = converted(_with_text_keys(values), kind)
+        return read.building() if isinstance(read, _Levels) else read
     except (ValueError, OverflowError, RecursionError) as error:
         raise MapFileError(path, f"not a building: {printable(str(error))}") from None
-    building: _Building = read.building() if isinstance(read, _Levels) else read
-    for link in building.links:
-        if unknown := sorted(link.at.keys() - building.floors.keys()):
-            problem = f"link {printable(link.name)!r} names the unknown floor {unknown[0]!r}"
-            raise MapFileError(path, f"{problem}; floors are {', '.join(building.floors)}")
-        if len(link.at) < 2:
-            problem = f"link {printable(link.name)!r} begins and ends on one floor"
-            raise MapFileError(path, problem)
-    return building
 
 
 def _with_text_keys(value: Any) -> Any:

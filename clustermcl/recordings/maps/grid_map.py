@@ -62,21 +62,18 @@ class GridMap:
         cells = self.cells
         if cells.dtype != np.int8 or cells.ndim != 2 or cells.size == 0:
             raise ValueError(f"cells must be a 2-d int8 array, not {cells.dtype} {cells.shape}")
-        low, high = int(cells.min()), int(cells.max())
-        if low < UNKNOWN or high > OCCUPIED:
-            raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
+        if cells.min() < UNKNOWN or cells.max() > OCCUPIED:
+            raise ValueError(f"cells must be -1, 0 or 1, not {cells.min()} to {cells.max()}")
         if cells.all():  # all but `FREE`; a comparison would take as much memory again
             raise ValueError("no cell is free, so no pose is possible")
         if not (math.isfinite(self.cell_m) and self.cell_m > 0.0):
             raise ValueError(f"cell_m must be a positive length, not {self.cell_m}")
         if len(self.map_from_grid) != 3 or not all(map(math.isfinite, self.map_from_grid)):
             raise ValueError(f"map_from_grid must be three finite numbers: {self.map_from_grid}")
-        cells = np.ascontiguousarray(self.cells)
-        if cells.flags.writeable:
-            if np.may_share_memory(cells, self.cells):
-                cells = cells.copy()
+        if cells.flags.writeable or not cells.flags.c_contiguous:
+            cells = cells.copy()
             cells.flags.writeable = False
-        object.__setattr__(self, "cells", cells)
+            object.__setattr__(self, "cells", cells)
 
     @classmethod
     def from_array(
@@ -181,18 +178,11 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
     """
     if cells.ndim != 2 or cells.size <= LARGE_CELLS:
         return GridMap(cells, cell_m, map_from_grid)
-    known_rows, known_cols = (cells.max(axis=axis) > UNKNOWN for axis in (1, 0))
-    if not known_rows.any() or not cell_m > 0.0:
+    rows, cols = (np.flatnonzero(cells.max(axis=axis) > UNKNOWN) for axis in (1, 0))
+    if not len(rows) or not cell_m > 0.0:
         return GridMap(cells, cell_m, map_from_grid)  # raises the error
     rim = ceil(RIM_M / cell_m)
-    rows, cols = _range(known_rows, rim), _range(known_cols, rim)
-    part = cells[rows, cols].copy()
-    part.flags.writeable = False
-    corner = np.array([cols.start * cell_m, rows.start * cell_m, 0.0])
-    x, y, _ = compose(np.array(map_from_grid), corner)
+    row, col = max(int(rows[0]) - rim, 0), max(int(cols[0]) - rim, 0)
+    part = cells[row : int(rows[-1]) + 1 + rim, col : int(cols[-1]) + 1 + rim]
+    x, y, _ = compose(np.array(map_from_grid), np.array([col * cell_m, row * cell_m, 0.0]))
     return GridMap(part, cell_m, (float(x), float(y), map_from_grid[2]))
-
-
-def _range(known: NDArray[np.bool_], rim: int) -> slice:
-    at = np.flatnonzero(known)
-    return slice(max(int(at[0]) - rim, 0), min(int(at[-1]) + 1 + rim, len(known)))

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -31,24 +31,24 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     count: Number = 0
     """Sights that were averaged."""
 
-    def sigma_m(self) -> float:
-        """Return the standard deviation in the direction where it is largest [m].
+    def __post_init__(self) -> None:
+        if (self.id is None) == (self.class_ is None):
+            raise ValueError("a landmark needs either an id or a class")
+        xx, xy, yx, yy = self.covariance or (1.0, 0.0, 0.0, 1.0)
+        is_valid = xy == yx and 0.0 < xx + yy <= MAX_POSE_M**2 and xy * xy < xx * yy
+        if not is_valid or (self.covariance and self.sigma):
+            raise ValueError("a landmark needs a sigma, or a positive definite covariance")
 
-        Raises:
-            ValueError: the covariance is not positive definite and symmetric, or too large.
-        """
+    def sigma_m(self) -> float:
+        """Return the standard deviation in the direction where it is largest [m]."""
         if self.covariance is None:
             return self.sigma or _DEFAULT_SIGMA_M
-        xx, xy, yx, yy = self.covariance
-        apart = math.hypot(0.5 * (xx - yy), xy)
-        least, most = 0.5 * (xx + yy) - apart, 0.5 * (xx + yy) + apart
-        if not (xy == yx and 0.0 < least <= most <= MAX_POSE_M**2) or self.sigma is not None:
-            raise ValueError
-        return math.sqrt(most)
+        xx, xy, _, yy = self.covariance
+        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    landmarks: list[_Entry]
+    landmarks: Annotated[list[_Entry], msgspec.Meta(max_length=MAX_LANDMARKS)]
 
 
 def load_landmarks(path: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark, ...]:
@@ -85,9 +85,6 @@ def landmarks_and_entries(
         entries = converted(written, _File).landmarks
     except (ValueError, RecursionError) as error:
         raise LandmarksFileError(path, f"not a landmarks file: {error}") from None
-    if len(entries) > MAX_LANDMARKS:
-        problem = f"{len(entries)} landmarks; at most {MAX_LANDMARKS} are possible"
-        raise LandmarksFileError(path, problem)
     return _landmarks(path, entries, floors), written["landmarks"]
 
 
@@ -102,23 +99,15 @@ def _landmarks(path: Path, entries: list[_Entry], floors: Floors | None) -> tupl
     names: dict[str, bool] = {}
     """Whether each name is a class."""
     for number, entry in enumerate(entries, 1):
-        name = entry.id or entry.class_
-        if name is None or (entry.id and entry.class_):
-            raise LandmarksFileError(path, f"landmark {number} needs either an id or a class")
-        if name in names and not (names[name] and entry.class_):
-            problem = f"landmark {number}: the id {name!r} is used before; give each its own"
-            raise LandmarksFileError(path, problem)
-        names[name] = entry.id is None
+        name = entry.id or entry.class_ or ""
         try:
-            sigma = entry.sigma_m()
-        except ValueError:
-            problem = f"landmark {number} needs a sigma, or a positive definite covariance"
-            raise LandmarksFileError(path, problem) from None
-        x, y = entry.x, entry.y
-        try:
+            if name in names and not (names[name] and entry.class_):
+                raise ValueError(f"the id {name!r} is used before; give each its own")
+            x, y = entry.x, entry.y
             if floors is not None:
                 x, y, _ = floors.in_atlas(entry.floor, (x, y, 0.0))
         except ValueError as error:
             raise LandmarksFileError(path, f"landmark {number}: {error}") from None
-        found.append(Landmark(name=name, x=x, y=y, sigma=sigma))
+        names[name] = entry.id is None
+        found.append(Landmark(name=name, x=x, y=y, sigma=entry.sigma_m()))
     return tuple(found)

@@ -15,9 +15,6 @@ from clustermcl.recordings.maps.map_message import grid_map_of
 from clustermcl.recordings.run_log import is_run_log, last_map
 from clustermcl.runtime.compressed import first_bytes
 
-_MAP = "map"
-_TOPIC_MARK = "#"
-
 _log = logging.getLogger(__name__)
 
 
@@ -81,9 +78,9 @@ def map_file_of(named: str, recording: str) -> str:
 
 def _split_topic(path: Path) -> tuple[Path, str]:
     """Split ``FILE#TOPIC`` into file and topic; without a topic, the second is empty."""
-    if path.exists() or _TOPIC_MARK not in str(path):
+    if path.exists() or "#" not in str(path):
         return path, ""
-    file, _, topic = str(path).rpartition(_TOPIC_MARK)
+    file, _, topic = str(path).rpartition("#")
     return Path(file), topic
 
 
@@ -92,13 +89,10 @@ def _load_bag_map(path: Path, topic: str) -> GridMap:
     with closing(BagFile(path, MapFileError)) as bag:
         topics = bag.of_type(OCCUPANCY_GRID)
         held = ", ".join(topics) or "none"
-        chosen = [
-            one for one in topics if one == topic or (not topic and one.rpartition("/")[2] == _MAP)
-        ]
+        chosen = [t for t in topics if t == topic or (not topic and f"/{t}".endswith("/map"))]
         if len(chosen) != 1:
-            problem = f"no map on {topic or 'a topic called map'}; it has nav_msgs/OccupancyGrid"
-            problem += f" on: {held}"
-            remedy = f"name a map file by --map, or one of these as --map {path}{_TOPIC_MARK}TOPIC"
+            problem = f"no map on {topic or 'a topic called map'}; it has maps on: {held}"
+            remedy = f"name a map file by --map, or one of these as --map {path}#TOPIC"
             raise MapFileError(path, f"{problem}; {remedy}")
         sent = deque(bag.messages(chosen), maxlen=1)
         if not sent:

@@ -8,6 +8,7 @@ import numpy as np
 
 from clustermcl.filter.arrays import Cells
 from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import MapMessage, MapReading
 from clustermcl.recordings.maps.grid_map import (
     FREE_PERCENT,
@@ -41,18 +42,16 @@ def from_message(message: MapMessage) -> GridMap:
     Raises:
         MalformedMessageError: the bytes are not a map, or do not match the digest.
     """
-    size = message.rows * message.cols
-    if message.rows < 1 or message.cols < 1 or size > MAX_CELLS:
-        raise _malformed(f"{message.rows} x {message.cols} cells")
+    rows, cols, size = message.rows, message.cols, message.rows * message.cols
     try:
+        if rows < 1 or cols < 1 or size > MAX_CELLS:
+            raise ValueError(f"{rows} x {cols} cells")
         unpacker = zlib.decompressobj()
         cells = unpacker.decompress(message.zlib_cells, size + 1)  # stops a decompression bomb
         if len(cells) != size or not unpacker.eof:
-            raise _malformed(f"its bytes do not fill {message.rows} x {message.cols} cells")
-        grid = np.frombuffer(cells, np.int8).reshape(message.rows, message.cols)
-        grid_map = GridMap(
-            grid, message.cell_m, message.map_from_grid, message.landmarks, floors=message.floors
-        )
+            raise ValueError(f"its bytes do not fill {rows} x {cols} cells")
+        grid, place = np.frombuffer(cells, np.int8).reshape(rows, cols), message.map_from_grid
+        grid_map = GridMap(grid, message.cell_m, place, message.landmarks, floors=message.floors)
     except (zlib.error, ValueError) as error:
         raise _malformed(str(error)) from error
     if grid_map.digest != message.digest:
@@ -67,11 +66,10 @@ def from_reading(reading: MapReading) -> GridMap:
         MalformedMessageError: the fields are not a valid map, or no cell is free.
     """
     occupancy = reading.occupancy.array()
-    if occupancy.dtype != np.int8 or occupancy.ndim != 2:
-        raise _malformed(f"{occupancy.dtype} of {occupancy.shape}, expected int8 of rows and cols")
     try:
-        grid_map = known_part(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
-        return grid_map.with_remarks(_remark(occupancy))
+        if occupancy.dtype != np.int8:
+            raise ValueError(f"{occupancy.dtype} of {occupancy.shape}, expected int8")
+        return _published(occupancy, reading.cell_m, reading.map_from_grid)
     except ValueError as error:
         raise _malformed(str(error)) from error
 
@@ -85,25 +83,25 @@ def grid_map_of(message: Any) -> GridMap:
     info, values = message.info, np.asarray(message.data, np.int8)
     if not 0 < info.width * info.height == len(values) <= MAX_CELLS:
         raise ValueError(f"{len(values)} cells for {info.width} x {info.height}")
-    cells = cells_of(values)
     position, turn = info.origin.position, info.origin.orientation
     heading = 2.0 * math.atan2(turn.z, turn.w)
     origin = (position.x, position.y, math.remainder(heading, math.tau))
     # Take the shortest decimal, as in map files: 0.05, not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
-    grid_map = known_part(cells.reshape(info.height, info.width), cell_m, origin)
-    return grid_map.with_remarks(_remark(values))
+    return _published(values.reshape(info.height, info.width), cell_m, origin)
 
 
-def _remark(occupancy: Cells) -> str:
-    """Return a remark on a map of probabilities, with the cells between the thresholds."""
+def _published(occupancy: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:
+    """Return the map of an occupancy [%], with a remark if it has probabilities."""
+    grid_map = known_part(cells_of(occupancy), cell_m, map_from_grid)
     if not np.any((occupancy > 0) & (occupancy < 100)):
-        return ""
+        return grid_map
     known = occupancy[(occupancy >= 0) & (occupancy <= 100)]
     free, occupied = np.sum(known <= FREE_PERCENT), np.sum(known >= OCCUPIED_PERCENT)
     how = f"{free} cells of up to {FREE_PERCENT} % are free, {occupied} from {OCCUPIED_PERCENT} %"
     between = len(known) - free - occupied
-    return f"a map of probabilities: {how} occupied, {between} between are unknown"
+    remark = f"a map of probabilities: {how} occupied, {between} between are unknown"
+    return grid_map.with_remarks(remark)
 
 
 def _malformed(problem: str) -> MalformedMessageError:

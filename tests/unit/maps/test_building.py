@@ -4,13 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from clustermcl.filter.arrays import FREE, OCCUPIED
 from clustermcl.filter.poses import between
 from clustermcl.protocol.errors import MapFileError
-from clustermcl.protocol.floors import ONE_MAP, Floor, Floors
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.recordings.maps.building import GAP_M
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
@@ -43,21 +41,11 @@ def test_the_cells_of_each_floor_are_in_the_atlas_unchanged(tmp_path: Path) -> N
     free = sum(int((each.cells == FREE).sum()) for each in (GROUND, THIRD))
     assert int((atlas.cells == FREE).sum()) == free
     assert [floor.height_m for floor in atlas.floors.floors] == [0.0, 8.4]
-
-
-def test_no_laser_sees_from_floor_to_floor(tmp_path: Path) -> None:
-    first, second = load_map(write_building(tmp_path)).floors.floors
-    assert second.low[0] - first.high[0] >= GAP_M
-
-
-@given(x=st.floats(-3.0, 17.0), y=st.floats(2.0, 12.0), heading=st.floats(-4.0, 4.0))
-def test_a_pose_comes_back_to_its_floor(x: float, y: float, heading: float) -> None:
-    floors = Floors((Floor("a", (3.0, -2.0), (0, 0), (20, 10)),
-                     Floor("b", (63.0, -2.0), (60, 0), (80, 10))))  # fmt: skip
-    for name in floors.names:
-        found, pose = floors.on_floor(floors.in_atlas(name, (x, y, heading)))
-        assert found == name
-        assert pose == pytest.approx((x, y, heading), abs=1e-12)
+    first, second = atlas.floors.floors
+    assert second.low[0] - first.high[0] >= GAP_M, "no laser sees from floor to floor"
+    for name, pose in (("ground", (-3.0, 2.0, 4.0)), ("third", (15.9, 5.9, -4.0))):
+        found, there = atlas.floors.on_floor(atlas.floors.in_atlas(name, pose))
+        assert (found, *there) == pytest.approx((name, *pose), abs=1e-12)
 
 
 def test_a_building_with_one_floor_is_its_map(tmp_path: Path) -> None:
@@ -93,22 +81,17 @@ def test_buildings_of_multi_level_map_server_are_read(tmp_path: Path) -> None:
     path = tmp_path / "maps" / "multi" / "multimap.yaml"
     path.write_text(
         "maps:\n"
-        "  ground: {yaml: package://gdc/ground.yaml, origin: [0, 0, 0, 0, 0, 0]}\n"
+        "  1: {yaml: package://gdc/ground.yaml, origin: [0, 0, 0, 0, 0, 0]}\n"
         "  third: {yaml: ../../third.yaml, origin: [0, 0, 5, 0, 0, 0], data_directory: x}\n"
         "links:\n"
-        "  - from_point: {level_id: ground, point: [1, 4, 0]}\n"
+        "  - from_point: {level_id: '1', point: [1, 4, 0]}\n"
         "    to_point: {level_id: third, point: [3, -1, 0]}\n"
     )
     floors = load_map(path).floors
     assert [(floor.name, floor.height_m) for floor in floors.floors] == [
-        ("ground", 0.0), ("third", 5.0)
+        ("1", 0.0), ("third", 5.0)
     ]  # fmt: skip
-    assert floors.links[0].at == {"ground": (1.0, 4.0), "third": (3.0, -1.0)}
-
-
-def test_numbers_are_names_of_floors(tmp_path: Path) -> None:
-    path = write_building(tmp_path, "floors: {1: ground.yaml, 2: third.yaml}")
-    assert load_map(path).floors.names == ("1", "2")
+    assert floors.links[0].at == {"1": (1.0, 4.0), "third": (3.0, -1.0)}
 
 
 def test_a_building_travels_as_a_message(tmp_path: Path) -> None:

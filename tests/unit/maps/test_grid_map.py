@@ -11,7 +11,6 @@ from msgspec.structs import replace
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.protocol.arrays import ArrayBlob
-from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Landmark, MapMessage, MapReading
@@ -131,12 +130,6 @@ READING = MapReading(
     map_from_grid=(-1.0, 2.0, 0.1),
     occupancy=ArrayBlob.of(np.array([[0, 100, -1], [50, 0, 99]]), "int8"),
 )
-
-
-def test_a_published_map_is_read_by_the_thresholds_of_nav2() -> None:
-    grid_map = from_reading(decode(encode(READING), MapReading))
-    assert grid_map.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, OCCUPIED]]
-    assert (grid_map.cell_m, grid_map.map_from_grid) == (0.05, (-1.0, 2.0, 0.1))
 
 
 @pytest.mark.parametrize(

@@ -86,12 +86,3 @@ def test_reading_a_site_plan_needs_less_memory_than_three_copies_of_its_cells(
     assert grid_map.cells.base is None  # a view would keep all cells in memory
     # The cells and a mask of them; Pillow's own memory is not seen here.
     assert most < 2.2 * side * side
-
-
-@pytest.mark.parametrize("corner", [(300, 500), (0, 0), (980, 1160)])
-def test_a_grey_image_whose_unknown_border_is_skipped_gives_the_same_map_as_a_coloured_one(
-    tmp_path: Path, corner: tuple[int, int]
-) -> None:
-    cells = np.roll(building_in(1000, 1200), (corner[0] - 300, corner[1] - 500), axis=(0, 1))
-    image = grey(cells)
-    assert loaded(tmp_path, image).digest == loaded(tmp_path, image.convert("RGB")).digest
