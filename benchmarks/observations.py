@@ -7,7 +7,7 @@ Each row is a simulated condition; the docstring of its function describes it.
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Annotated
@@ -24,9 +24,9 @@ from clustermcl.filter.observations.likelihood import ObservationArrays, log_rat
 from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.filter.poses import compose
 from clustermcl.localizer import Belief
-from clustermcl.protocol.steps import Landmark
-from clustermcl.simulator.observing import Camera, Gnss
-from clustermcl.simulator.sensors import Lidar, LidarModel
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Landmark, Observation
+from clustermcl.simulator.sensors import Camera, Lidar, LidarModel
 from clustermcl.simulator.simulation import Simulation, Tick
 from clustermcl.simulator.worlds.office import office
 from clustermcl.simulator.worlds.world import World
@@ -40,6 +40,41 @@ REFLECTORS = (
     (12.2, 2.0), (12.0, 7.5), (5.0, 8.2), (-2.0, 8.3), (-11.0, 8.1), (-12.3, 5.0),
 )  # fmt: skip
 """x, y in the symmetric hall [m]; they are not symmetric."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gnss:
+    """A receiver of satellite positions: one fix a second.
+
+    A share of the fixes, `outliers`, is wrong by 50 m in a random direction.
+    """
+
+    sigma_m: float = 5.0
+    bias_m: tuple[float, float] = (0.0, 0.0)
+    outliers: float = 0.1
+
+    def observe(
+        self,
+        stamp_ns: int,
+        map_from_robot: PoseTuple,
+        _landmarks: Sequence[Landmark],
+        rng: np.random.Generator,
+    ) -> Iterator[Observation]:
+        """Yield the fix of a second, at the first tenth of it."""
+        if stamp_ns % 10**9 >= 10**8:
+            return
+        angle = rng.uniform(-np.pi, np.pi)
+        wrong_m = 50.0 * float(rng.random() < self.outliers)
+        error = wrong_m * np.array([np.cos(angle), np.sin(angle)])
+        fix = np.array(map_from_robot[:2]) + np.array(self.bias_m) + error
+        yield Observation(
+            sender="gnss",
+            stamp_ns=stamp_ns,
+            mean=tuple((fix + self.sigma_m * rng.standard_normal(2)).tolist()),
+            covariance=(self.sigma_m**2, 0.0, 0.0, self.sigma_m**2),
+            outlier_probability=max(self.outliers, 0.05),
+            correlation_s=0.5,
+        )
 
 
 @dataclass(frozen=True)
@@ -118,7 +153,9 @@ def run(
 
 def with_false_names(share: float) -> World:
     """Return the cross with tags, from random starts."""
-    return replace(world("cross_tags"), start=None, route=(), sensor=Camera(false_names=share))
+    return replace(
+        world("cross_tags"), start=None, route=(), observe=Camera(false_names=share).observe
+    )
 
 
 def cross(seeds: int) -> str:
@@ -142,7 +179,7 @@ def _before(seed: int, place: World) -> tuple[World, Landmark, Simulation]:
     at = np.array(Simulation(place, seed).map_from_robot)
     x, y, _ = compose(at, np.array([1.5, 0.4, 0.0])).tolist()
     tag = Landmark(name="exit", x=x, y=y, sigma=0.05)
-    tagged = replace(place, landmarks=(tag,), sensor=Camera(range_m=8.0))
+    tagged = replace(place, landmarks=(tag,), observe=Camera(range_m=8.0).observe)
     return tagged, tag, Simulation(tagged, seed)
 
 
@@ -175,7 +212,7 @@ def gnss(seeds: int) -> str:
 
     Also for the exact posterior of `among_copies`, and without fixes.
     """
-    large, firsts, exact, chances = replace(office(14, 54), sensor=Gnss()), [], [], []
+    large, firsts, exact, chances = replace(office(14, 54), observe=Gnss().observe), [], [], []
     for seed in range(seeds):
         steps = list(run(large, seed, 150))
         firsts.append(next((s.belief.step for s in steps if s.is_right), math.inf))
@@ -234,7 +271,7 @@ def among_copies(in_world: World, seed: int, stamps: list[int]) -> list[tuple[bo
 def reflectors(seeds: int) -> str:
     """Twelve equal reflectors, symmetric hall: runs with a better log score than the laser's."""
     marks = tuple(Landmark(name="reflector", x=x, y=y, sigma=0.05) for x, y in REFLECTORS)
-    hall = replace(world("hall_symmetric"), landmarks=marks, sensor=Camera(range_m=8.0))
+    hall = replace(world("hall_symmetric"), landmarks=marks, observe=Camera(range_m=8.0).observe)
     scores = np.array(
         [
             [
@@ -251,7 +288,7 @@ def reflectors(seeds: int) -> str:
 
 def biased_fix(seeds: int) -> str:
     """A hall and fixes of 5 m with a constant error of 3 m: error while tracked, of the laser's."""
-    hall = replace(world("hall"), sensor=Gnss(bias_m=(3.0, 0.0), outliers=0.0))
+    hall = replace(world("hall"), observe=Gnss(bias_m=(3.0, 0.0), outliers=0.0).observe)
     rms = []
     for observes in (True, False):
         steps = [
@@ -299,7 +336,7 @@ def correlation(seeds: int) -> str:
     And in the office, by the time that the receiver states, steps sure and wrong.
     """
     receiver = Gnss(sigma_m=1e-3, outliers=0.0)
-    hall, texts = replace(world("hall"), sensor=receiver), []
+    hall, texts = replace(world("hall"), observe=receiver.observe), []
     tracked = run(hall, 0, 6000, knows_start=True, simulation=DriftingFixes(hall, 0, 30.0))
     rows = [
         (seen.stamp_ns * 1e-9, *np.subtract(seen.mean, step.belief.hypotheses[0].pose[:2]))
@@ -315,7 +352,7 @@ def correlation(seeds: int) -> str:
     )
     measured_s = next(delay_s for delay_s, ratio in enumerate(ratios) if ratio < 0.37)
     texts.append(f"measured {measured_s} s")
-    place = replace(world("office"), sensor=receiver)
+    place = replace(world("office"), observe=receiver.observe)
     for stated_s in (0.5, 5.0, 30.0, 120.0):
         steps = [
             step
@@ -335,7 +372,7 @@ def kidnapped(seeds: int) -> str:
         target = Simulation(world("office"), 1000 + seed).kidnap()
         x, y, _ = compose(np.array(target), np.array([1.5, 0.4, 0.0])).tolist()
         tag = Landmark(name="exit", x=x, y=y, sigma=0.05)
-        tagged = replace(world("office"), landmarks=(tag,), sensor=Camera())
+        tagged = replace(world("office"), landmarks=(tag,), observe=Camera().observe)
         simulation = Simulation(tagged, seed)
         mcl = ClusterMCL(tagged.map, landmarks=(tag,), seed=seed)
         before = list(run(tagged, seed, 100, knows_start=True, simulation=simulation, mcl=mcl))

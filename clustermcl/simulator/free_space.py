@@ -51,9 +51,8 @@ def _roadmap(
     nodes = np.argwhere(fits) * stride + stride // 2
     costs = _costs(clearance, nodes, stride, cell_m)
     _, part = connected_components(costs, directed=False)
-    boxes = [((0.0, 0.0), (np.inf, np.inf))]
-    if floors:
-        boxes = [(floor.low, floor.high) for floor in floors.floors]
+    whole = ((0.0, 0.0), (np.inf, np.inf))
+    boxes = [(floor.low, floor.high) for floor in floors.floors] or [whole]
     kept = np.zeros(len(nodes), bool)
     for low, high in boxes:
         at = nodes[:, ::-1] * cell_m

@@ -1,8 +1,8 @@
-"""Simulated sensors: wheel odometry with its errors, and a laser scanner."""
+"""Simulated sensors: wheel odometry with its errors, a laser scanner, and a camera."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 from typing import TypeAlias
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
-from clustermcl.filter.poses import compose
+from clustermcl.filter.poses import between, compose
 from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Landmark, Observation
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.simulator.robot import Drive, driven
 
@@ -23,6 +24,11 @@ DISTANCE_NOISE_M = 0.03
 """Standard deviation of the distance after driving one metre."""
 TURN_NOISE_RAD, TURN_NOISE_PER_METRE_RAD = 0.03, 0.02
 """Standard deviations of the turn after turning by one radian, and after driving one metre."""
+
+Observe: TypeAlias = Callable[
+    [int, PoseTuple, Sequence[Landmark], np.random.Generator], Iterator[Observation]
+]
+"""Yields observations by time [ns], pose in the map, and landmarks of the map."""
 
 
 class Odometer:
@@ -106,3 +112,40 @@ class Lidar:
         angles, range_max_m = self.model.angles, self.model.range_max_m
         seen = self._jumps, self._grid, map_from_laser[None], angles, range_max_m
         return cast_rays_from_poses(*seen).reshape(-1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A camera that sees all landmarks within its range, also through walls.
+
+    A share of its observations, `false_names`, has the name of a random landmark.
+    """
+
+    range_m: float = 3.0
+    sigma_m: float = 0.1
+    false_names: float = 0.0
+
+    def observe(
+        self,
+        stamp_ns: int,
+        map_from_robot: PoseTuple,
+        landmarks: Sequence[Landmark],
+        rng: np.random.Generator,
+    ) -> Iterator[Observation]:
+        for landmark in landmarks:
+            at = np.array([landmark.x, landmark.y, 0.0])
+            seen = between(np.array(map_from_robot), at)[:2]
+            if hypot(*seen) > self.range_m:
+                continue
+            is_false = rng.random() < self.false_names
+            named = landmarks[int(rng.integers(len(landmarks)))] if is_false else landmark
+            mean = (seen + self.sigma_m * rng.standard_normal(2)).tolist()
+            yield Observation(
+                sender="camera",
+                stamp_ns=stamp_ns,
+                landmark=named.name,
+                mean=tuple(mean),
+                covariance=(self.sigma_m**2, 0.0, 0.0, self.sigma_m**2),
+                outlier_probability=max(self.false_names, 0.05),
+                correlation_s=30.0,
+            )

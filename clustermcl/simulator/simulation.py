@@ -94,8 +94,8 @@ class Simulation:
         scan_pose = driven(begin, drive.part(_SCAN_SHARE))
         laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
         second, _ = self._drive_on()
-        seen, sensor, marks = laser.stamp_ns, self.world.sensor, self.world.landmarks
-        observed = sensor.observe(seen, scan_pose, marks, self._observation_rng) if sensor else ()
+        observe, marks, rng = self.world.observe, self.world.landmarks, self._observation_rng
+        observed = observe(laser.stamp_ns, scan_pose, marks, rng) if observe else ()
         return Tick((first, second), laser, scan_pose, tuple(observed))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:

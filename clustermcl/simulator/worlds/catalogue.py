@@ -4,7 +4,7 @@ from pathlib import Path
 
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles
 from clustermcl.runtime.sources import Simulated
-from clustermcl.simulator.worlds.halls import hall, hall_symmetric, yard
+from clustermcl.simulator.worlds.halls import hall, hall_symmetric
 from clustermcl.simulator.worlds.office import office
 from clustermcl.simulator.worlds.rooms import cross, cross_feature, cross_tags
 from clustermcl.simulator.worlds.tower import tower
@@ -12,7 +12,7 @@ from clustermcl.simulator.worlds.world import UnknownWorldError, World, world_fr
 
 WORLDS = {
     draw.__name__: draw
-    for draw in (cross, cross_feature, cross_tags, office, hall, hall_symmetric, yard, tower)
+    for draw in (cross, cross_feature, cross_tags, office, hall, hall_symmetric, tower)
 }
 
 

@@ -1,9 +1,7 @@
-"""Halls of 450 m²: one without symmetry, one with symmetry, and that one between two yards."""
+"""Halls of 450 m²: one without symmetry, and one with symmetry."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
-from clustermcl.simulator.observing import Gnss
 from clustermcl.simulator.worlds.world import Canvas, World, world_from_map
 
 _WIDTH_M, _HEIGHT_M = 26.0, 18.0
@@ -31,41 +29,18 @@ def hall() -> World:
 
 def hall_symmetric() -> World:
     """Return a hall of the size of `hall` with two-fold rotational symmetry."""
-    return world_from_map(_symmetric_plan(_WIDTH_M + 4.0).grid_map())
-
-
-def yard() -> World:
-    """Return the symmetric hall between two yards, with a receiver of satellite positions.
-
-    The yards look alike, and only there the receiver has fixes. Some are wrong.
-    """
-    outdoors = ((12.5, -1.2, 13.1, 1.2), (13.1, -6.0, 24.0, 6.0), (24.0, 1.0, 24.8, 3.0))
-    containers = ((16.0, 2.5, 19.0, 4.0), (20.5, -4.6, 21.9, -1.6))
-    plan = _symmetric_plan(54.0, outdoors, containers)
-    return replace(
-        world_from_map(plan.grid_map(), start=(2.0, 0.0, 0.0), route=((11.0, 0.0), (18.0, 0.0))),
-        sensor=Gnss(sigma_m=3.0, bias_m=(1.0, -0.5), indoors=(-13.1, -9.8, 13.1, 9.8)),
-    )
-
-
-def _symmetric_plan(
-    width_m: float,
-    rooms: Sequence[tuple[float, ...]] = (),
-    blocks: Sequence[tuple[float, ...]] = (),
-) -> Canvas:
-    """Draw one half of a hall and of what lies east of it, and repeat it rotated."""
-    plan, furniture = (Canvas(width_m, _HEIGHT_M + 4.0) for _ in ("walls", "furniture"))
+    plan, furniture = (Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0) for _ in ("walls", "furniture"))
     plan.floor(-12.5, -8.5, 12.5, 8.5)
-    for space in (*NICHES[:5], *rooms):
-        plan.floor(*space)
+    for niche in NICHES[:5]:
+        plan.floor(*niche)
     plan.repeat_turned(2)
     plan.add_walls()
     for x, y, side in PILLARS[:5]:
         furniture.block(x, y, x + side, y + side)
-    furnish(furniture, (*FURNITURE, *blocks))
+    furnish(furniture, FURNITURE)
     furniture.repeat_turned(2)
     plan.add(furniture)
-    return plan
+    return world_from_map(plan.grid_map())
 
 
 def hall_plan(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from clustermcl.protocol.steps import Landmark
-from clustermcl.simulator.observing import Camera
+from clustermcl.simulator.sensors import Camera
 from clustermcl.simulator.worlds.world import Canvas, Waypoint, World, world_from_map
 
 _CROSS_M = 22.0
@@ -26,7 +26,7 @@ def cross_tags() -> World:
         start=(4.0, 0.0, np.pi),
         route=((0.0, 0.0), (0.0, 5.5)),
         landmarks=tuple(Landmark(name=name, x=x, y=y, sigma=0.05) for name, x, y in tags),
-        sensor=Camera(false_names=0.05),
+        observe=Camera(false_names=0.05).observe,
     )
 
 

@@ -9,7 +9,7 @@ from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Landmark
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.simulator.observing import Camera, Gnss
+from clustermcl.simulator.sensors import Observe
 
 Waypoint = tuple[float, float]
 """x [m], y [m] in the map."""
@@ -33,7 +33,7 @@ class World:
         start: start pose of the robot: x [m], y [m], heading [rad]; None: random.
         route: points that the robot visits before it drives to random goals.
         landmarks: of the map.
-        sensor: the robot's other sensor; None: it has only a laser.
+        observe: the robot's other sensor; None: it has only a laser.
     """
 
     map: GridMap
@@ -41,7 +41,7 @@ class World:
     start: PoseTuple | None = None
     route: tuple[Waypoint, ...] = ()
     landmarks: tuple[Landmark, ...] = ()
-    sensor: Camera | Gnss | None = None
+    observe: Observe | None = None
 
 
 def world_from_map(
