@@ -224,7 +224,4 @@ def _process_lines(process: Health) -> Iterator[str]:
         means = next((f" ({known.means})" for known in Cause if known == cause), "")
         yield f"  dropped or refused: {cause}: {count}{means}"
     for source in process.sources:
-        yield (
-            f"  source {source.name}: {source.recent_nat:.1f} nat in 20 steps, "
-            f"broken with probability {source.broken_probability:.0%}"
-        )
+        yield f"  source {source.name}: {source.outlier_rate:.0%} of its observations are false"

@@ -23,13 +23,8 @@ class SourceHealth(msgspec.Struct, frozen=True, kw_only=True):
 
     name: _Word
     """The sender and the landmark, or the sender alone: its poses of the robot."""
-    recent_nat: Finite
-    """Sum over the last 20 steps: by how much its observations are more likely at the most
-    probable pose than if they were false, as far as they counted [nat]."""
     outlier_rate: Finite
-    """Expected share of false observations."""
-    broken_probability: Finite
-    """Probability that more than half of its observations are false."""
+    """Expected share of false observations; above one half, the source does not count."""
 
 
 class Health(Message, frozen=True, kw_only=True, tag="health/1"):

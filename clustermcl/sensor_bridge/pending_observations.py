@@ -115,9 +115,8 @@ class PendingObservations:
             if observation_problem(seen) is not None:
                 self._dropped[Cause.TOO_FAR_BACK] += 1
                 continue
-            is_broken = self.sources.is_broken(source)
-            self.sources.on_observation(step, source, here, 0.0 if is_broken else seen.share)
-            if is_broken:
+            self.sources.on_observation(step, source, here)
+            if self.sources.is_broken(source):
                 self._dropped[Named(f"reading refused: broken source {source_name(source)}")] += 1
             else:
                 usable.append(seen)
@@ -152,8 +151,8 @@ class PendingObservations:
             self._dropped[Cause.TOO_MANY] += 1
             return 0.0
         self._past.append(replace(now, share=share))
-        if now.kind is not Sighting:
-            self._senders.on_pose(sender, stamp_ns)
+        if now.kind is not Sighting and sender in self._senders.poses_ns:
+            self._senders.poses_ns[sender] = stamp_ns
         self._placed.append((now.source, replace(seen, share=share), odom_from_robot, weight))
         return share * weight
 
@@ -172,7 +171,7 @@ class PendingObservations:
         else:
             sender = now.source[0]
             weight /= 1.0 + self._senders.poses_besides(sender, now.stamp_ns)
-            if (sent_ns := self._senders.last_pose_ns(sender)) is None:
+            if (sent_ns := self._senders.poses_ns.get(sender)) is None:
                 return 1.0, weight
             last_ns = sent_ns
             if now.kind is Field:

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias, assert_never
+from typing import TypeAlias
 
 from msgspec.structs import replace
 
@@ -57,11 +57,8 @@ _log = logging.getLogger(__name__)
 
 
 def main() -> None:
-    process_main(
-        "sensor_bridge",
-        run_bridge,
-        describe="Sensor bridge of Cluster-MCL: synchronises, gates and numbers scans.",
-    )
+    describe = "Sensor bridge of Cluster-MCL: synchronises, gates and numbers scans."
+    process_main("sensor_bridge", run_bridge, describe=describe)
 
 
 def run_bridge(invocation: Invocation) -> None:
@@ -87,13 +84,9 @@ def source_of(settings: BridgeSettings) -> Source | None:
         case sources.Recorded(path):
             return recorded_source(path, settings)
         case sources.Simulated():
-            raise errors.SettingsError(
-                key="bridge.source",
-                problem=f"{settings.source} is a simulation: start "
-                "'python -I -m clustermcl.simulator' instead",
-            )
-        case choice:
-            assert_never(choice)
+            start = "start 'python -I -m clustermcl.simulator' instead"
+            problem = f"{settings.source} is a simulation: {start}"
+            raise errors.SettingsError(key="bridge.source", problem=problem)
 
 
 def serve_robot(
@@ -171,8 +164,8 @@ class Bridge:
         node.serve(keys.CONFIGURE, self._on_configure)
         node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
-        key, take, seen = keys.OBSERVATION_READING, self._on_reading, self._on_observation
-        node.subscribe(key, steps.Observation, seen, kind="observation", kept=64, own=False)
+        key, take = keys.OBSERVATION_READING, self._on_reading
+        node.subscribe(key, steps.Observation, take, kind="observation", kept=64, own=False)
         self._observations = node.publisher(key)
         """Of a source, for other processes."""
         if source is None:
@@ -228,14 +221,21 @@ class Bridge:
         reading, self._next = self._next, None
         if isinstance(reading, steps.Observation):
             self._observations.put(reading)
-            self._on_observation(reading)
-        else:
-            self._on_reading(reading)
+        self._on_reading(reading)
         return 0.0
 
-    def _on_reading(self, reading: steps.Reading, _received: Received | None = None) -> None:
-        maker, health, now_ns = self._maker_of(reading), self._node.health, time.monotonic_ns()
-        if maker is None:
+    def _on_reading(
+        self, reading: steps.Reading | steps.Observation, _received: Received | None = None
+    ) -> None:
+        health, now_ns = self._node.health, time.monotonic_ns()
+        if self._map is None:
+            self._node.warn(_log, Cause.BEFORE_MAP, f"stamp {reading.stamp_ns} ns")
+            return
+        maker = self._maker = self._maker or self._new_maker(self._map)
+        if isinstance(reading, steps.Observation):
+            maker.observe(reading)
+            health.happened("observations")
+            self._count_refused(maker.dropped, reading.stamp_ns)
             return
         is_laser = isinstance(reading, steps.LaserReading)
         self._flow.set_gate(maker, now_ns, is_live_scan=self._is_live and is_laser)
@@ -246,32 +246,11 @@ class Bridge:
         health.happened("scans" if is_laser else "odometry")
         self._count_refused(maker.dropped, reading.stamp_ns)
         if not is_laser and not self._flow.lockstep and maker.odometry is not None:
-            stamp_ns, pose = maker.odometry
-            self._odometry.put(
-                steps.OdometryReading(
-                    sender=self._node.name, stamp_ns=stamp_ns, odom_from_robot=pose
-                )
-            )
+            (stamp_ns, pose), name = maker.odometry, self._node.name
+            moved = steps.OdometryReading(sender=name, stamp_ns=stamp_ns, odom_from_robot=pose)
+            self._odometry.put(moved)
         if scan is not None:
             self._send(scan)
-
-    def _on_observation(
-        self, observation: steps.Observation, _received: Received | None = None
-    ) -> None:
-        maker = self._maker_of(observation)
-        if maker is None:
-            return
-        maker.observe(observation)
-        self._node.health.happened("observations")
-        self._count_refused(maker.dropped, observation.stamp_ns)
-
-    def _maker_of(self, reading: steps.Reading | steps.Observation) -> StepMaker | None:
-        if self._map is None:
-            self._node.warn(_log, Cause.BEFORE_MAP, f"stamp {reading.stamp_ns} ns")
-            return None
-        if self._maker is None:
-            self._maker = self._new_maker(self._map)
-        return self._maker
 
     def _count_refused(self, dropped: Refused, stamp_ns: int) -> None:
         if dropped != self._refused:
@@ -427,8 +406,7 @@ class Bridge:
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         if self._maker is not None:
-            self._maker.on_belief(belief)
-            self._node.health.sources = self._maker.sources.health()
+            self._node.health.sources = self._maker.on_belief(belief).health()
         searching = belief.state == "searching"
         self._collect(belief)
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)

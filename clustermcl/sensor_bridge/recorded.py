@@ -4,13 +4,15 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from msgspec.structs import replace
+
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.steps import Observation, Reading, Scan
 from clustermcl.recordings.recording import Recording, open_recording
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
+from clustermcl.sensor_bridge.step_maker import StepMaker
 
 _log = logging.getLogger(__name__)
 
@@ -57,11 +59,13 @@ def steps_of(
         RecordingError: no scan of the recording could be used, with the causes.
     """
     maker = StepMaker(settings, map_digest, "bridge", floors=floors)
-    made = False
-    for scan in steps_from(recording.readings, maker):
-        made = True
-        yield scan
-    if not made:
+    held: Scan | None = None
+    for scan in maker.all_steps(recording.readings):
+        if held is not None:
+            yield held
+        held = scan
+    if held is None:
         causes = ", ".join(f"{key_of(cause)}: {count}" for cause, count in maker.dropped.items())
         problem = f"none of its {recording.laser_count} scans can be used ({causes})"
         raise RecordingError(recording.path, problem)
+    yield replace(held, last=True)

@@ -37,8 +37,6 @@ MAX_SENDERS, NEW_SENDERS, NEW_SENDERS_PER_MINUTE = 64, 16, 4.0
 """Senders that are kept; new ones that may come at once, and in each further minute."""
 FORGOTTEN_S = 600.0
 """A sender that has reported no pose for this time [s] has no part in those of others."""
-RECENT_STEPS = 20
-"""Steps over which the contribution of a source is summed."""
 _FIXES = Grid(np.zeros((1, 1), np.int8), 100.0, np.zeros(3))
 """Area over which wrong positions are spread."""
 
@@ -51,7 +49,7 @@ class Senders:
     """
 
     def __init__(self) -> None:
-        self._poses_ns: dict[str, int | None] = {}
+        self.poses_ns: dict[str, int | None] = {}
         """Stamp of the last pose by sender; the sender that was heard last is the last."""
         self._new, self._newest_ns = float(NEW_SENDERS), 0
 
@@ -60,27 +58,20 @@ class Senders:
         waited_s = max(now_ns - self._newest_ns, 0) * 1e-9
         self._newest_ns = now_ns
         self._new = min(self._new + NEW_SENDERS_PER_MINUTE * waited_s / 60.0, NEW_SENDERS)
-        if sender not in self._poses_ns:
+        if sender not in self.poses_ns:
             if self._new < 1.0:
                 return False
             self._new -= 1.0
-            if len(self._poses_ns) >= MAX_SENDERS:
-                del self._poses_ns[next(iter(self._poses_ns))]
-        self._poses_ns[sender] = self._poses_ns.pop(sender, None)
+            if len(self.poses_ns) >= MAX_SENDERS:
+                del self.poses_ns[next(iter(self.poses_ns))]
+        self.poses_ns[sender] = self.poses_ns.pop(sender, None)
         return True
-
-    def last_pose_ns(self, sender: str) -> int | None:
-        return self._poses_ns.get(sender)
-
-    def on_pose(self, sender: str, stamp_ns: int) -> None:
-        if sender in self._poses_ns:
-            self._poses_ns[sender] = stamp_ns
 
     def poses_besides(self, sender: str, stamp_ns: int) -> int:
         """Return the number of other senders of poses at about this time."""
         return sum(
             other != sender and last_ns is not None and abs(stamp_ns - last_ns) < FORGOTTEN_S * 1e9
-            for other, last_ns in self._poses_ns.items()
+            for other, last_ns in self.poses_ns.items()
         )
 
 
@@ -95,9 +86,7 @@ class Sources:
         self._landmarks = Landmarks.of((e.name, e.x, e.y, e.sigma) for e in landmarks)
         self._rates: dict[Source, tuple[float, float]] = {}
         """Numbers of wrong and right observations; the source that was compared last is last."""
-        self._seen: deque[tuple[int, Source, Observed, float]] = deque(maxlen=256)
-        self._gains: deque[tuple[int, Source, float]] = deque(maxlen=1024)
-        """Step, source and log-likelihood ratio of what counted in the last steps."""
+        self._seen: deque[tuple[int, Source, Observed]] = deque(maxlen=256)
 
     def is_broken(self, source: Source) -> bool:
         wrong, right = self._rates.get(source, (0.0, 1.0))
@@ -116,39 +105,27 @@ class Sources:
 
     def health(self) -> tuple[SourceHealth, ...]:
         """Return the estimated outlier rates of compared sources, of many the highest."""
-        recent = dict.fromkeys(self._rates, 0.0)
-        for _, source, nat in self._gains:
-            recent[source] = recent.get(source, 0.0) + nat
-        worst = [*self._rates.items()]
-        if len(worst) > MAX_SOURCES:
-            worst = sorted(worst, key=lambda rate: rate[1][1] / sum(rate[1]))[:MAX_SOURCES]
-        return tuple(
-            SourceHealth(
-                name=source_name(source),
-                recent_nat=recent[source],
-                outlier_rate=wrong / (wrong + right),
-                broken_probability=1.0 - beta_below_half(wrong, right),
-            )
-            for source, (wrong, right) in worst
-        )
+        found = [
+            SourceHealth(name=source_name(source), outlier_rate=wrong / (wrong + right))
+            for source, (wrong, right) in self._rates.items()
+        ]
+        if len(found) > MAX_SOURCES:
+            found = sorted(found, key=lambda source: -source.outlier_rate)[:MAX_SOURCES]
+        return tuple(found)
 
-    def on_observation(self, step: int, source: Source, seen: Observed, weight: float) -> None:
-        """Store an observation and its weight until the belief of its step arrives."""
-        self._seen.append((step, source, seen, weight))
+    def on_observation(self, step: int, source: Source, seen: Observed) -> None:
+        """Store an observation until the belief of its step arrives."""
+        self._seen.append((step, source, seen))
 
     def on_belief(self, belief: Belief) -> None:
         """Learn from the observations of a step and the belief after it."""
         seen = [each[1:] for each in self._seen if each[0] == belief.step]
         later = [each for each in self._seen if each[0] > belief.step]
         self._seen = deque(later, self._seen.maxlen)
-        while self._gains and self._gains[0][0] <= belief.step - RECENT_STEPS:
-            self._gains.popleft()
         if belief.state != "localized" or not belief.hypotheses:
             return
-        for source, each, weight in seen:
-            outlier = self._outlier_probability(each, belief.hypotheses[0])
-            self._learn(source, each, outlier)
-            self._gains.append((belief.step, source, -weight * math.log(outlier)))
+        for source, each in seen:
+            self._learn(source, each, self._outlier_probability(each, belief.hypotheses[0]))
 
     def _outlier_probability(self, seen: Observed, best: Hypothesis) -> float:
         """Return the probability that an observation is false if the robot is at a place."""
@@ -168,24 +145,6 @@ class Sources:
         self._rates[source] = kept * wrong, kept * right
         if len(self._rates) > MAX_KNOWN:
             del self._rates[next(iter(self._rates))]
-
-
-def beta_below_half(a: float, b: float) -> float:
-    """Return the probability that a Beta(a, b) variable is below one half.
-
-    `scipy.special.betainc` gives the same, but scipy would double the memory of the bridge.
-
-    References:
-        NIST Digital Library of Mathematical Functions, 8.17.8, in the form of a power series.
-    """
-    term = total = 1.0
-    for n in range(200):  # each term is about half of the one before
-        term *= 0.5 * (a + b + n) / (a + 1.0 + n)
-        total += term
-        if term < 1e-17 * total:
-            break  # later terms change nothing
-    scale = math.lgamma(a + b) - math.lgamma(a + 1.0) - math.lgamma(b) - (a + b) * math.log(2.0)
-    return min(total * math.exp(scale), 1.0)
 
 
 def source_name(source: Source) -> str:

@@ -86,9 +86,8 @@ def is_jump(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> 
 def _jumps(before: Reading | None, reading: Reading) -> bool:
     if before is None or before.odom_from_robot is None or reading.odom_from_robot is None:
         return False
-    return is_jump(
-        before.stamp_ns, before.odom_from_robot, reading.stamp_ns, reading.odom_from_robot
-    )
+    start, end = before.odom_from_robot, reading.odom_from_robot
+    return is_jump(before.stamp_ns, start, reading.stamp_ns, end)
 
 
 def _apart(before: Reading, reading: Reading) -> float:
@@ -109,15 +108,15 @@ class Clock:
 
     def __call__(self, reading: Reading) -> Iterator[Item]:
         stamp_ns = reading.stamp_ns
-        if self.newest_ns is None or stamp_ns >= self.newest_ns - MAX_STEP_BACK_NS:
-            self.newest_ns = stamp_ns if self.newest_ns is None else max(stamp_ns, self.newest_ns)
-            self._late_in_a_row = 0
+        newest_ns = stamp_ns if self.newest_ns is None else self.newest_ns
+        if stamp_ns >= newest_ns - MAX_STEP_BACK_NS:
+            self.newest_ns, self._late_in_a_row = max(stamp_ns, newest_ns), 0
             self._check_gap(reading)
             yield reading
             return
         self._late_in_a_row += 1
         if self._late_in_a_row == 1:
-            self._late_s = (self.newest_ns - stamp_ns) / 1e9
+            self._late_s = (newest_ns - stamp_ns) / 1e9
         if self._late_in_a_row < RESTART_AFTER:
             self._dropped[Cause.STEPS_BACK] += 1
             return

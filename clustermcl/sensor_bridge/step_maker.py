@@ -56,7 +56,6 @@ class MotionGate:
         """Scans that would have passed."""
 
     def open_next(self) -> None:
-        """Open for the next scan, however little the robot has moved."""
         self._is_open = True
 
     def begin_again(self) -> None:
@@ -117,7 +116,7 @@ class StepMaker:
         self._next_step = first_step
         self._settings, self._live_settings = settings, AS_STARTED
         self._lasers: Lasers = {}
-        self._ready: deque[steps.Scan] = deque()
+        self._ready = deque[steps.Scan]()
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
@@ -133,7 +132,6 @@ class StepMaker:
         )
 
     def on_reading(self, reading: steps.Reading) -> steps.Scan | None:
-        """Process the next reading; return the next step, if there is one."""
         least_m = self._settings.min_range_m
         if isinstance(reading, steps.LaserReading) and reading.range_min_m < least_m:
             reading = replace(reading, range_min_m=least_m)
@@ -151,14 +149,11 @@ class StepMaker:
             return
         self._observed.on_observation(observation)
 
-    @property
-    def sources(self) -> Sources:
-        """The sources of observations, which learn from each step's belief."""
-        return self._observed.sources
-
-    def on_belief(self, belief: Belief) -> None:
-        """Learn how often sources of observations are wrong."""
-        self.sources.on_belief(self._floors.drawn(belief))
+    def on_belief(self, belief: Belief) -> Sources:
+        """Learn how often sources of observations are wrong; return these."""
+        sources = self._observed.sources
+        sources.on_belief(self._floors.drawn(belief))
+        return sources
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         if self._observed.moved(stamp_ns, odom_from_robot):
@@ -169,6 +164,11 @@ class StepMaker:
         self._pass(self._outliers.released(), self._use_stages)
         self._pass(self._synchroniser.released(at_most_waiting=0), self._use_stages[-2:])
         return self._ready.popleft() if self._ready else None
+
+    def all_steps(self, readings: Iterable[steps.Reading]) -> Iterator[steps.Scan]:
+        """Yield all steps of a finite series of readings."""
+        yield from filter(None, map(self.on_reading, readings))
+        yield from iter(self.finish, None)
 
     def _pass(self, items: Iterable[Any], stages: Sequence[Callable[[Any], Iterable[Any]]]) -> None:
         """Pass items through the stages; each item passes all stages before the next begins."""
@@ -260,14 +260,3 @@ def beams_of(reading: steps.LaserReading) -> steps.LaserBeams:
         range_max_m=reading.range_max_m,
         ranges=ranges,
     )
-
-
-def steps_from(readings: Iterable[steps.Reading], maker: StepMaker) -> Iterator[steps.Scan]:
-    """Yield all steps of a finite series of readings; `Scan.last` marks the last step."""
-    held: steps.Scan | None = None
-    for scan in chain(filter(None, map(maker.on_reading, readings)), iter(maker.finish, None)):
-        if held is not None:
-            yield held
-        held = scan
-    if held is not None:
-        yield replace(held, last=True)

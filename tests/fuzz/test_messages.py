@@ -60,12 +60,6 @@ def test_damaged_messages_are_refused_or_read(data: bytes, expected: Any) -> Non
 
 
 @cases(0.1)
-@given(st.binary(max_size=2000), expected_types)
-def test_any_bytes_are_refused(data: bytes, expected: Any) -> None:
-    read(data, expected)
-
-
-@cases(0.1)
 @given(plain_trees(), expected_types)
 def test_any_tree_is_refused_or_read(tree: Any, expected: Any) -> None:
     read(msgpack.packb(tree), expected)

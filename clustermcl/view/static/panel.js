@@ -182,10 +182,10 @@ export function showWorkers(status) {
   }));
   const sources = status.processes.flatMap((process) => process.sources);
   $("sources-box").hidden = !sources.length;
-  $("sources").replaceChildren(...sources.map(({ name, recent_nat, broken_probability }) => {
-    const said = element("span", `${rounded(recent_nat)} nat · broken ${Math.round(100 * broken_probability)} %`);
+  $("sources").replaceChildren(...sources.map(({ name, outlier_rate }) => {
+    const said = element("span", `${Math.round(100 * outlier_rate)} % false`);
     const row = element("li");
-    row.classList.toggle("broken", broken_probability > 0.5);
+    row.classList.toggle("broken", outlier_rate > 0.5);
     row.append(element("span", name), said);
     return row;
   }));

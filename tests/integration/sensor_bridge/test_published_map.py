@@ -16,7 +16,7 @@ from clustermcl.recordings.maps.map_message import from_reading
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.conftest import OpenClient
 from tests.integration.sensor_bridge.conftest import StartBridge
-from tests.integration.sensor_bridge.robot import Robot, Standing, answering
+from tests.integration.sensor_bridge.robot import Standing, answering
 from tests.integration.waiting import wait_until
 
 
@@ -45,59 +45,26 @@ def patient_links(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(configuration, "_WAIT_BEFORE_CLOSE_US", 20_000_000)
 
 
-@pytest.fixture
-def robot(start_bridge: StartBridge) -> Robot:
-    return start_bridge()
-
-
-def digest_of(reading: MapReading) -> str:
-    return from_reading(reading).digest
-
-
-def test_a_bridge_asks_for_the_map_and_follows_another(
-    robot: Robot, router: ZenohSettings, open_client: OpenClient
+def test_a_bridge_asks_for_the_map_follows_another_and_counts_invalid_ones(
+    start_bridge: StartBridge, router: ZenohSettings, open_client: OpenClient, tmp_path: Path
 ) -> None:
+    file = tmp_path / "tags.yaml"
+    file.write_text("landmarks: [{id: tag, x: 1, y: 2}]")
+    tags = load_landmarks(file)
+    first, second = (from_reading(each).with_landmarks(tags).digest for each in (FIRST, SECOND))
+    robot = start_bridge(landmarks=file)
     standing = Standing(robot)
     standing.scan()
     assert robot.steps() == [], "there is no map yet"
     with Client(Settings(zenoh=router)) as client:
         with answering(open_client(), FIRST):
-            assert client.map().digest == digest_of(FIRST)
+            assert client.map().digest == first
         for _ in range(2):
             standing.scan()
-        assert [step.map_digest for step in robot.steps()] == [digest_of(FIRST)]
+        assert [step.map_digest for step in robot.steps()] == [first]
         robot.put(keys.MAP_READING, encode(SECOND))
-        wait_until(lambda: client.map().digest == digest_of(SECOND))
-    standing.scan()
-    (step,) = robot.steps()
-    assert (step.step, step.map_digest) == (1, digest_of(SECOND))
-
-
-def test_a_published_map_has_the_landmarks_of_a_file(
-    start_bridge: StartBridge, router: ZenohSettings, tmp_path: Path
-) -> None:
-    file = tmp_path / "tags.yaml"
-    file.write_text("landmarks: [{id: tag, x: 1, y: 2}]")
-    robot = start_bridge(landmarks=file)
-    robot.put(keys.MAP_READING, encode(FIRST))
-    with_tag = from_reading(FIRST).with_landmarks(load_landmarks(file))
-    with Client(Settings(zenoh=router)) as client:
-        wait_until(lambda: client.map().digest == with_tag.digest)
-        assert client.map().landmarks == with_tag.landmarks
-    standing = Standing(robot)
-    standing.scan()
-    assert {step.map_digest for step in robot.steps()} == {with_tag.digest}
-
-
-def test_an_invalid_map_is_counted_and_the_previous_map_stays(robot: Robot) -> None:
-    robot.put(keys.MAP_READING, encode(FIRST))
-    standing = Standing(robot)
-
-    def has_map() -> bool:
-        standing.scan()
-        return bool(robot.steps())
-
-    wait_until(has_map)
+        wait_until(lambda: client.map().digest == second)
+        assert client.map().landmarks == tags
     causes = {
         "malformed MapReading: not MessagePack",
         "malformed map: impossible",
@@ -112,4 +79,5 @@ def test_an_invalid_map_is_counted_and_the_previous_map_stays(robot: Robot) -> N
         wait_until(lambda number=number: refused() == number)  # the inbox keeps one map
     assert (robot.dropped() or {}).keys() >= causes
     standing.scan()
-    assert {step.map_digest for step in robot.steps()} == {digest_of(FIRST)}
+    (step,) = robot.steps()
+    assert (step.step, step.map_digest) == (1, second)

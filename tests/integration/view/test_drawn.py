@@ -206,7 +206,7 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     assert not drawn.is_visible("sources")
     stage.picture.on_status(status(processes=(simulator(),)))
     shows(stage, lambda: drawn.is_visible("kidnap"))
-    assert drawn.text("sources") == "eye exit\n9.4 nat · broken 80 %"
+    assert drawn.text("sources") == "eye exit\n70 % false"
     press(drawn, "kk")
     shows(stage, lambda: [type(one) for one in stage.commands] == [Kidnap])
     drawn.click("kidnap")

@@ -12,7 +12,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
+from clustermcl.sensor_bridge.step_maker import StepMaker
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation, Tick
 from tests.integration.system.conftest import SMALL
@@ -38,7 +38,7 @@ def with_posts(reading: LaserReading | OdometryReading) -> LaserReading | Odomet
 
 def steps_with_posts(maker: StepMaker, count: int = 200) -> list[Scan]:
     readings = (with_posts(reading) for tick in ticks(count) for reading in tick.readings)
-    return list(steps_from(readings, maker))
+    return list(maker.all_steps(readings))
 
 
 def test_beams_that_end_on_the_robot_are_left_out_and_named() -> None:
@@ -59,7 +59,7 @@ def test_beams_that_end_on_the_robot_are_left_out_and_named() -> None:
 
 def test_walls_beside_a_robot_are_not_taken_for_it() -> None:
     maker = StepMaker(BridgeSettings(), "map", "test")
-    list(steps_from((reading for tick in ticks(1500) for reading in tick.readings), maker))
+    list(maker.all_steps(reading for tick in ticks(1500) for reading in tick.readings))
     assert not maker.dropped
 
 

@@ -3,11 +3,8 @@ from pathlib import Path
 import pytest
 
 from clustermcl.protocol.errors import RecordingError
-from clustermcl.recordings.log_file import SkippedLine
-from clustermcl.recordings.recording import Recording
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.sensor_bridge import recorded
-from clustermcl.sensor_bridge.recorded import steps_of
+from clustermcl.sensor_bridge.recorded import opened, steps_of
 from tests.unit.recordings.logs import flaser, recording_of
 
 
@@ -17,22 +14,19 @@ def test_a_recording_without_a_usable_scan_is_refused(tmp_path: Path) -> None:
         list(steps_of(recording, BridgeSettings(), "digest"))
 
 
-X = "'x' is not a number"
+def test_only_the_last_step_is_marked_as_last(tmp_path: Path) -> None:
+    recording = recording_of(tmp_path, *(flaser(t, (t, 0, 0)) for t in range(3)))
+    steps = steps_of(recording, BridgeSettings(), "digest")
+    assert [step.last for step in steps] == [False, False, True]
 
 
-@pytest.mark.parametrize(("skipped", "words"), [
-    ((SkippedLine(3, X), SkippedLine(9, "cut")),
-     f"robot.log:3: 2 bad lines left out; the first: {X}"),
-    ((), ""),
-], ids=["the first is explained", "no bad line, no warning"])  # fmt: skip
 def test_bad_lines_that_are_left_out_are_counted(
-    skipped: tuple[SkippedLine, ...],
-    words: str,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    recording = Recording(Path("robot.log"), (), skipped)
-    monkeypatch.setattr(recorded, "open_recording", lambda *_: recording)
-    recorded.opened("robot.log", BridgeSettings())
-    assert words in caplog.text
-    assert bool(skipped) == bool(caplog.text)
+    path = tmp_path / "robot.log"
+    for bad, warned in ((["ODOM x"], f"{path}:2: 1 bad line left out"), ([], "")):
+        caplog.clear()
+        path.write_text("\n".join([flaser(1), *bad, flaser(2)]))
+        opened(str(path), BridgeSettings())
+        assert warned in caplog.text
+        assert bool(warned) == bool(caplog.text)

@@ -69,7 +69,7 @@ def status(*, digest: str = "d1", **changed: Any) -> Status:
     return replace(STATUS, map_digest=digest, **changed)
 
 
-EYE = SourceHealth(name="eye exit", recent_nat=9.44, outlier_rate=0.7, broken_probability=0.8)
+EYE = SourceHealth(name="eye exit", outlier_rate=0.7)
 
 
 def simulator() -> Health:

@@ -13,7 +13,7 @@ from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Reading, Scan, mirrored
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
+from clustermcl.sensor_bridge.step_maker import StepMaker
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.source import simulated_steps
@@ -102,7 +102,7 @@ def test_a_late_clock_of_the_laser_is_estimated_from_turns(late_s: float) -> Non
         readings += tick.odometry
         readings.append(msgspec.structs.replace(tick.laser, stamp_ns=tick.laser.stamp_ns + late_ns))
     readings.sort(key=lambda reading: reading.stamp_ns)
-    steps = steps_from(readings, StepMaker(BridgeSettings(), hall.map.digest, "test"))
+    steps = StepMaker(BridgeSettings(), hall.map.digest, "test").all_steps(readings)
     agreement = agreement_of(itertools.islice(steps, 120), hall.map, FilterSettings(), readings)
     assert agreement.lag is not None
     assert agreement.lag.lag_s == pytest.approx(late_s, abs=0.03)
