@@ -2,8 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.errors import RecordingError, SettingsError
 from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.process import source_of
 from clustermcl.sensor_bridge.recorded import opened, steps_of
 from tests.unit.recordings.logs import flaser, recording_of
 
@@ -30,3 +31,17 @@ def test_bad_lines_that_are_left_out_are_counted(
         opened(str(path), BridgeSettings())
         assert warned in caplog.text
         assert bool(warned) == bool(caplog.text)
+
+
+@pytest.mark.parametrize(
+    ("source", "error", "words"),
+    [
+        ("nowhere.log", RecordingError, r"nowhere\.log"),
+        ("sim:cross", SettingsError, "sim:cross.*clustermcl.simulator"),
+    ],
+)
+def test_a_source_that_cannot_be_read_is_refused(
+    source: str, error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        source_of(BridgeSettings(source=source))
