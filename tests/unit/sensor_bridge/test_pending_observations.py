@@ -23,6 +23,7 @@ from clustermcl.protocol.steps import (
     Landmark,
     Observation,
     PositionField,
+    Seen,
 )
 from clustermcl.sensor_bridge.pending_observations import (
     MAX_NAT,
@@ -55,14 +56,23 @@ def sights_after_5_s() -> tuple[PendingObservations, Counter[AnyCause]]:
     return sights, dropped
 
 
+def taken(*observations: Observation) -> tuple[tuple[Seen, ...], Counter[AnyCause]]:
+    """Of observations after 5 s, what is in a step after 6 s, and what is dropped."""
+    sights, dropped = sights_after_5_s()
+    for observation in observations:
+        sights.on_observation(observation)
+    driven(sights, 6)
+    return sights.take(0, (6.0, 0.0, 0.0)), dropped
+
+
 def shares_of(observations: Iterable[Observation], speed: float = 0.0) -> list[float]:
     """Of observations by a driving robot, each taken into a step at once."""
     sights, shares = PendingObservations(TAGS, Counter()), list[float]()
-    for each in observations:
-        pose = (speed * each.stamp_ns / SECOND, 0.0, 0.0)
-        sights.on_observation(each)
-        sights.moved(each.stamp_ns, pose)
-        shares += [taken.share for taken in sights.take(0, pose)]
+    for seen_now in observations:
+        pose = (speed * seen_now.stamp_ns / SECOND, 0.0, 0.0)
+        sights.on_observation(seen_now)
+        sights.moved(seen_now.stamp_ns, pose)
+        shares += [each.share for each in sights.take(0, pose)]
     return shares
 
 
@@ -108,21 +118,14 @@ def test_later_observations_of_the_same_tag_weigh_less() -> None:
 
 
 def test_unusable_observations_are_counted_by_cause() -> None:
-    sights, dropped = sights_after_5_s()
-    for observation in (seen(5.0, name="nobody"), seen(60.0), seen(-60.0)):
-        sights.on_observation(observation)
-    driven(sights, 6)
+    _, dropped = taken(seen(5.0, name="nobody"), seen(60.0), seen(-60.0))
     assert dropped == {Cause.UNKNOWN_LANDMARK: 1, Cause.AHEAD: 1, Cause.NO_ODOMETRY: 1}
 
 
 def test_a_flood_of_observations_is_bounded_and_clocks_ahead_take_no_place() -> None:
-    sights, dropped = sights_after_5_s()
-    for number in range(MAX_WAITING):
-        sights.on_observation(seen(14.0, x=float(number)))
-    for number in range(1000):
-        sights.on_observation(seen(5.5, x=3.0 * number))
-    driven(sights, 6)
-    assert len(sights.take(0, (6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
+    ahead = [seen(14.0, x=float(number)) for number in range(MAX_WAITING)]
+    in_step, dropped = taken(*ahead, *(seen(5.5, x=3.0 * number) for number in range(1000)))
+    assert len(in_step) == MAX_OBSERVATIONS
     assert dropped == {Cause.TOO_MANY: MAX_WAITING + 1000 - MAX_OBSERVATIONS}
 
 
@@ -131,20 +134,13 @@ def fix(sender: str, **change: object) -> Observation:
 
 
 def test_poses_of_all_senders_share_the_weight_of_one() -> None:
-    sights, _ = sights_after_5_s()
-    for number in range(4):
-        sights.on_observation(fix(f"gnss {number}"))
-    driven(sights, 6)
-    shares = [each.share for each in sights.take(0, (6.0, 0.0, 0.0))]
-    assert shares == pytest.approx([1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0])
+    in_step, _ = taken(*(fix(f"gnss {number}") for number in range(4)))
+    assert [each.share for each in in_step] == pytest.approx([1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0])
 
 
 def test_a_new_source_is_not_believed_to_be_never_wrong() -> None:
-    sights, _ = sights_after_5_s()
-    sights.on_observation(fix("gnss", outlier_probability=1e-6))
-    driven(sights, 6)
-    (taken,) = sights.take(0, (6.0, 0.0, 0.0))
-    assert taken.outlier_probability == LEAST_OUTLIER_PROBABILITY
+    ((new,), _) = taken(fix("gnss", outlier_probability=1e-6))
+    assert new.outlier_probability == LEAST_OUTLIER_PROBABILITY
 
 
 def test_the_observations_of_one_step_add_a_bounded_log_likelihood() -> None:
@@ -154,9 +150,9 @@ def test_the_observations_of_one_step_add_a_bounded_log_likelihood() -> None:
     for tag in tags:
         sights.on_observation(seen(0.0, x=tag.x, name=tag.name))
     driven(sights, 1, speed=0.0)
-    taken = sights.take(0, (0.0, 0.0, 0.0))
-    assert len(taken) == MAX_OBSERVATIONS
-    observed = [from_wire(each, each.share) for each in taken]
+    in_step = sights.take(0, (0.0, 0.0, 0.0))
+    assert len(in_step) == MAX_OBSERVATIONS
+    observed = [from_wire(each, each.share) for each in in_step]
     landmarks = Landmarks.of((tag.name, tag.x, tag.y, tag.sigma) for tag in tags)
     at_the_best = log_likelihood_ratio(np.zeros((1, 3)), observed, landmarks, GRID)
     assert at_the_best == pytest.approx(MAX_NAT, rel=1e-2)

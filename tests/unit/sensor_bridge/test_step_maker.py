@@ -159,11 +159,11 @@ def changed(**fields: object) -> LaserReading:
         (odometry_reading(0.0, (math.nan, 0.0, 0.0)), Cause.NOT_FINITE),
     ],
 )
-def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, cause: str) -> None:
+def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, cause: Cause) -> None:
     maker = a_maker()
     assert made_of(reading, maker=maker) == []
     assert maker.dropped == {cause: 1}
-    assert "stamp" in maker.dropped.details[Cause(cause)]
+    assert "stamp" in maker.dropped.details[cause]
     assert [step.step for step in made_of(*driving(0.0), maker=maker)] == [0]
 
 
