@@ -9,14 +9,10 @@ from typing import Any
 
 import pytest
 
-from benchmarks.wean import as_carmen
-from clustermcl.evaluation.measures import pose_error
-from clustermcl.evaluation.references import load_reference
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, ran, typed
 from tests.integration.view.page import frame_of, opened
 from tests.integration.worlds import write_room
-from tests.unit.recordings import recording_or_skip
 
 SHORT = ["demo", "--recording", "sim:cross_feature", "--steps", "30", "--workers", "4"]
 
@@ -62,21 +58,6 @@ def test_a_simulated_robot_in_a_users_map_is_found(
     assert answer["final_error_m"] < 0.5
     assert -3.0 < answer["pose"]["x_m"] < 5.0
     assert 7.0 < answer["pose"]["y_m"] < 13.0
-
-
-def test_a_robot_in_wean_hall_is_found(environment: dict[str, str], tmp_path: Path) -> None:
-    """Separate processes, as fast as the workers follow, with the defaults a new user has."""
-    log = as_carmen(recording_or_skip("wean/robotdata1.log.xz"), tmp_path / "wean.log")
-    answer = as_json(
-        "demo", "--recording", str(log),
-        "--map", str(recording_or_skip("wean/map.yaml")),
-        environment=environment,
-    )  # fmt: skip
-    reference = load_reference(recording_or_skip("wean/robotdata1.reference.tum"))
-    truth, pose = reference.pose_at(answer["stamp_ns"]), answer["pose"]
-    assert truth is not None
-    assert pose_error((pose["x_m"], pose["y_m"], pose["heading_rad"]), truth).right
-    assert answer["steps_lost"] == 0
 
 
 @pytest.mark.parametrize(

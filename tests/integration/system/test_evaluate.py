@@ -65,8 +65,6 @@ def test_a_robot_in_another_map_is_announced_and_its_estimates_are_written_for_e
         assert evaluation.wait(2 * PATIENCE_S) == 0, evaluation.err
         assert f"drives in office, and is given the map {other}" in evaluation.err
         assert "sim:office: localized in 0 of 1" in evaluation.out, "and no emoji"
-        headings = re.split(r"\s+", evaluation.out)
-        assert {"seed", "start", "right", "sure,", "wrong", "localized", "score"} <= {*headings}
         assert "…" not in evaluation.out, "80 columns are enough"
     lines = file.read_text().splitlines()
     first_s, last_s = (float(line.split()[0]) for line in (lines[0], lines[-1]))

@@ -16,7 +16,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from clustermcl.client import Client, NotLocalizedError
 from clustermcl.protocol.answers import PoseAnswer
-from clustermcl.protocol.errors import CommandRefusedError, UnreachableError
+from clustermcl.protocol.errors import UnreachableError
 from clustermcl.runtime.settings import MetricsSettings, Settings
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import system as running_system
@@ -163,22 +163,6 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
     assert answer.pose == pytest.approx((5.0, 6.0, math.radians(86.0)))
     assert answer.probability == pytest.approx(0.95)
     assert answer.state == "searching", "no scan has confirmed it: the recording is over"
-
-
-def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
-    covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
-    with Client(system) as client:
-        stamp_ns = client.pose().stamp_ns
-        client.set_pose((5.0, 6.0, 1.5), covariance=covariance, stamp_ns=stamp_ns)
-        answer = client.pose()
-        with pytest.raises(CommandRefusedError, match="before the oldest odometry that is known"):
-            client.set_pose((5.0, 6.0, 1.5), stamp_ns=-99_999_999_999_999)
-        with pytest.raises(ValueError, match="a covariance that is not symmetric"):
-            client.set_pose(
-                (5.0, 6.0, 1.5), covariance=(1.0, 2.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-            )
-    assert answer.pose == pytest.approx((5.0, 6.0, 1.5))
-    assert answer.covariance == pytest.approx(covariance)
 
 
 def test_relocalize_forgets_all_places(system: Settings) -> None:

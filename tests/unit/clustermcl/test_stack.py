@@ -11,18 +11,13 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.supervisor import ChildExit
 
 
-def test_a_startup_error_quotes_the_message_of_its_process() -> None:
-    words = "sensor_bridge: map.yaml: no such file"
-    refused = ChildExit("sensor_bridge", 2, restart_in_s=None, last_words=words)
-    assert str(ProcessEndedError(refused)) == words
-
-
 @pytest.mark.parametrize(
-    ("code", "how"), [(1, "exit code 1"), (-9, "SIGKILL"), (-11, "SIGSEGV"), (0, "exit code 0")]
+    ("code", "said"), [(2, "KeyError: 'c3'"), (1, "exit code 1: Key"), (-9, "SIGKILL: Key")]
 )
-def test_any_other_exit_names_the_process_and_its_exit_code(code: int, how: str) -> None:
+def test_an_exit_is_told_in_the_words_of_the_process_or_by_its_code(code: int, said: str) -> None:
     ended = ChildExit("worker", code, restart_in_s=0.1, last_words="KeyError: 'c3'")
-    assert str(ProcessEndedError(ended)) == f"the worker process ended with {how}: KeyError: 'c3'"
+    assert said in str(ProcessEndedError(ended))
+    assert ("worker process" in str(ProcessEndedError(ended))) == (code != 2)
 
 
 def test_the_socket_path_fits_even_if_the_temporary_folder_has_a_long_path(
