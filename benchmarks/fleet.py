@@ -56,7 +56,6 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
         world=options.world,
         rate_hz=options.rate,
         coordinators=1,
-        cables=False,
         pool=not options.own,
     )
     beliefs: dict[str, list[Belief]] = {one.robot.name: [] for one in each}

@@ -1,6 +1,5 @@
 """All processes of a soak: one router, and for each robot all that `clustermcl up` starts."""
 
-import json
 import shutil
 import time
 from collections.abc import Sequence
@@ -10,19 +9,16 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from clustermcl.link.configuration import router_configuration
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_table import settings_as_toml
 from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from tests.maps import write_map
-from tests.soak.cables import set_cables
 from tests.soak.eight_rooms import soak_world
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
-CABLES, POOL = "cables", "pool"
+POOL = "pool"
 WORKER = "worker"
 """A process forked by the workers' parent."""
-_SOCKET = "unixsock-stream/"
 
 
 @dataclass(frozen=True)
@@ -51,37 +47,29 @@ class Fleet:
         world: str,
         rate_hz: float,
         coordinators: int,
-        cables: bool,
         pool: bool = False,
     ) -> None:
         self._folder = folder
-        self._control = folder / "control.sock"
         self.exits: list[tuple[int, ChildExit]] = []
-        children = [self._router(settings[0])]
-        endpoint = settings[0].zenoh.router
-        if cables:
-            children.append(self._cables(endpoint))
-            endpoint = f"{_SOCKET}{folder}/{CABLES}.sock"
+        children = list[ChildSpec]()
         grid_map = soak_world(world).map
         for one in settings:
             robot = one.robot.name
             map_file = write_map(grid_map, folder, f"{robot}-map")
             bridge = msgspec.structs.replace(one.bridge, map=str(map_file))
             own = msgspec.structs.replace(one, bridge=bridge)
-            file, far_file = folder / f"{robot}.toml", folder / f"{robot}-far.toml"
+            file = folder / f"{robot}.toml"
             file.write_text(settings_as_toml(own), "utf-8")
-            zenoh = msgspec.structs.replace(one.zenoh, router=endpoint)
-            far_file.write_text(
-                settings_as_toml(msgspec.structs.replace(own, zenoh=zenoh)), "utf-8"
-            )
+            if not children:
+                children.append(self._child(ROUTER, "clustermcl.link.router", file))
             drive = ("--world", world, "--rate-hz", repr(rate_hz))
             if pool:
                 (folder / POOL).mkdir(exist_ok=True)
-                shutil.copy(far_file, folder / POOL)
+                shutil.copy(file, folder / POOL)
             else:
-                children.append(self._child(f"{robot}/{WORKERS}", "worker", far_file))
+                children.append(self._child(f"{robot}/{WORKERS}", "worker", file))
             children += [
-                *self._coordinators(robot, far_file, coordinators),
+                *self._coordinators(robot, file, coordinators),
                 self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
                 self._child(f"{robot}/{ROBOT}", "tests.soak.driver", file, *drive),
             ]
@@ -99,7 +87,7 @@ class Fleet:
             self.exits.append((time.time_ns(), ended))
 
     def parts(self) -> list[Part]:
-        names = {pid: name for name, pid in self._supervisor.pids().items() if name != CABLES}
+        names = {pid: name for name, pid in self._supervisor.pids().items()}
         found = []
         for process in self.processes():
             name = names.get(process.pid) or _worker_name(process, names)
@@ -112,9 +100,6 @@ class Fleet:
     def processes(self) -> list[psutil.Process]:
         return psutil.Process().children(recursive=True)
 
-    def set_cables(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
-        set_cables(self._control, pids, to_router=to_router, from_router=from_router)
-
     def stop(self) -> float:
         begin_s = time.monotonic()
         self._supervisor.stop()
@@ -122,26 +107,6 @@ class Fleet:
 
     def log_files(self) -> list[Path]:
         return sorted(self._folder.glob("*.log"))
-
-    def _router(self, settings: Settings) -> ChildSpec:
-        """Return the router, with its admin space readable so that its keys can be counted."""
-        configuration = router_configuration(settings.zenoh)
-        configuration["adminspace"] = {
-            "enabled": True, "permissions": {"read": True, "write": False},
-        }  # fmt: skip
-        file = self._folder / "router.json5"
-        file.write_text(json.dumps(configuration), "utf-8")
-        command = python_module("clustermcl.link.router", "--config", str(file))
-        return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
-
-    def _cables(self, router: str) -> ChildSpec:
-        command = python_module(
-            "tests.soak.cables",
-            *("--listen", str(self._folder / f"{CABLES}.sock")),
-            *("--router", router.removeprefix(_SOCKET)),
-            *("--control", str(self._control)),
-        )
-        return ChildSpec(CABLES, command, self._folder / f"{CABLES}.log")
 
     def _coordinators(self, robot: str, file: Path, count: int) -> list[ChildSpec]:
         names = [COORDINATOR, *(f"{COORDINATOR}-{number}" for number in range(2, count + 1))]

@@ -1,4 +1,4 @@
-"""Injects faults: signals to processes, cut links, malformed messages."""
+"""Injects faults: signals to processes, malformed messages."""
 
 import signal
 from collections.abc import Callable, Sequence
@@ -6,10 +6,7 @@ from functools import partial
 
 import psutil
 
-from clustermcl.protocol import keys
-from clustermcl.protocol.codec import decode
-from clustermcl.protocol.steps import LaserReading, OdometryReading
-from tests.integration.system.rubbish import PUBLISHED, SERVED, bad_readings, no_messages
+from tests.integration.system.rubbish import PUBLISHED, SERVED, no_messages
 from tests.soak.driver import KIDNAP_KEY
 from tests.soak.fleet import COORDINATOR, ROBOT, WORKER, Fleet, Part
 from tests.soak.observer import Observer
@@ -19,12 +16,6 @@ TRY_FOR_S = 10.0
 """A fault whose victim is restarting is delayed for at most this time [s]."""
 _SLICE_S = 0.1
 """Slow network: the router is stopped and continued in turns of this length [s]."""
-_OPEN = {
-    "both ways": {"to_router": False, "from_router": False},
-    "to the router": {"to_router": False, "from_router": True},
-    "from the router": {"to_router": True, "from_router": False},
-}
-"""Directions that stay open in each kind of cut."""
 
 
 class Injector:
@@ -33,7 +24,6 @@ class Injector:
     def __init__(self, faults: Sequence[Fault], fleet: Fleet, observer: Observer) -> None:
         self._waiting, self._fleet, self._observer = list(faults), fleet, observer
         self._later: list[tuple[int, Callable[[], object]]] = []
-        self._cut_off: set[int] = set()
         self._stopped: set[psutil.Process] = set()
 
     def tick(self, now_ns: int, start_ns: int) -> list[DoneFault]:
@@ -52,8 +42,6 @@ class Injector:
 
     def end_all(self) -> None:
         self._later.clear()
-        if self._cut_off:
-            self._mend(sorted(self._cut_off))
         for process in list(self._stopped):
             self._signal(process, signal.SIGCONT)
 
@@ -61,45 +49,15 @@ class Injector:
         """Inject a fault; return nothing if there is no victim now."""
         rule, until_ns = RULES[fault.kind], now_ns + int(fault.lasts_s * 1e9)
         match rule.does:
-            case "kill" | "kill both":
-                both = (Kind.COORDINATOR_KILLED, Kind.WORKER_KILLED)
-                kinds = both if rule.does == "kill both" else (fault.kind,)
-                victims = [self._victim(RULES[kind].role, fault, now_ns) for kind in kinds]
-                return [
-                    DoneFault(kind, now_ns, now_ns, victim.own_name)
-                    for kind, victim in zip(kinds, victims, strict=True)
-                    if None not in victims
-                    and victim
-                    and self._signal(victim.process, signal.SIGKILL)
-                ]
-            case "freeze":
-                frozen = self._victim(rule.role, fault, now_ns)
-                if frozen is None or not self._freeze(frozen.process, fault, now_ns):
-                    return []
-                return [DoneFault(fault.kind, now_ns, until_ns, frozen.own_name)]
-            case "cut":
-                return self._cut(fault, rule.role, now_ns, until_ns)
-        sent = self._send(fault.kind)
-        return [DoneFault(fault.kind, now_ns, now_ns, sent)] if sent else []
-
-    def _cut(self, fault: Fault, role: str, now_ns: int, until_ns: int) -> list[DoneFault]:
-        """Cut the links of the leader, or of every other worker as if on another machine."""
-        candidates = self._candidates(role)
-        half = int(fault.choice * 6) % 2
-        victims = candidates[half::2] if role == WORKER else candidates
-        if not victims or not self._cut_off.isdisjoint(one.process.pid for one in candidates):
-            return []  # two simultaneous cuts could leave no worker
-        pids = [victim.process.pid for victim in victims]
-        how = list(_OPEN)[int(fault.choice * len(_OPEN))]
-        self._fleet.set_cables(pids, **_OPEN[how])
-        self._cut_off.update(pids)
-        self._later.append((until_ns, partial(self._mend, pids)))
-        names = " ".join(victim.own_name for victim in victims)
-        return [DoneFault(fault.kind, now_ns, until_ns, names, how)]
-
-    def _mend(self, pids: Sequence[int]) -> None:
-        self._fleet.set_cables(pids, to_router=True, from_router=True)
-        self._cut_off -= set(pids)
+            case "send":
+                return [DoneFault(fault.kind, now_ns, now_ns, self._send(fault.kind))]
+            case "kill" if victim := self._victim(rule.role, fault, now_ns):
+                is_done = self._signal(victim.process, signal.SIGKILL)
+            case "freeze" if victim := self._victim(rule.role, fault, now_ns):
+                is_done = self._freeze(victim.process, fault, now_ns)
+            case _:
+                return []
+        return [DoneFault(fault.kind, now_ns, until_ns, victim.own_name)] if is_done else []
 
     def _candidates(self, role: str) -> list[Part]:
         """Return the processes of a role; of the coordinators only the leader."""
@@ -138,18 +96,11 @@ class Injector:
         return True
 
     def _send(self, kind: Kind) -> str:
-        """Send wrong messages; return a summary, empty if no message was seen to be modified."""
+        """Send wrong messages; return a summary."""
         if kind is Kind.ROBOT_KIDNAPPED:
             self._observer.publish(KIDNAP_KEY, b"")
             return ROBOT
         messages = list(no_messages())
-        if kind is Kind.WRONG_READINGS:
-            seen = self._observer.seen
-            if not {keys.LASER_READING, keys.ODOMETRY_READING, keys.SCAN} <= seen.keys():
-                return ""
-            laser = decode(seen[keys.LASER_READING], LaserReading)
-            odometry = decode(seen[keys.ODOMETRY_READING], OdometryReading)
-            messages = [*bad_readings(laser, odometry), (keys.SCAN, seen[keys.SCAN])]
         for key, payload in messages:
             if key in SERVED:
                 self._observer.query(key, payload)

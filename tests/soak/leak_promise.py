@@ -1,4 +1,4 @@
-"""Promise: nothing leaks. Memory, open files and the router's keys do not grow."""
+"""Promise: nothing leaks. Memory and open files do not grow."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -6,11 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import psutil
-import zenoh
 from scipy.stats import theilslopes
 
-from clustermcl.link.configuration import as_zenoh, client_configuration
-from clustermcl.runtime.settings import Settings
 from tests.soak.promises import Break, Verdict
 
 WARM_UP_S = 180.0
@@ -21,7 +18,6 @@ LEAST_SPAN_S = 600.0
 APART_S = 60.0
 """Interval of samples [s]: samples within a minute are correlated."""
 MEMORY_MB_PER_H, FILES_PER_H = 1.0, 5.0
-_COUNTED = ("/subscriber/", "/queryable/", "/token/", "/publisher/")
 
 
 @dataclass
@@ -39,7 +35,6 @@ class NothingLeaks:
 
     def __init__(self) -> None:
         self._lives: dict[tuple[str, int, bool], _Life] = {}
-        self._router_keys: list[int] = []
 
     def sample(self, processes: Iterable[tuple[str, psutil.Process, bool]]) -> None:
         for name, process, leads in processes:
@@ -62,12 +57,6 @@ class NothingLeaks:
                 life.memory_mb.append(memory_mb)
                 life.files.append(float(files))
 
-    def count_router_keys(self, session: zenoh.Session, timeout_s: float = 1.0) -> None:
-        replies = session.get("@/*/router/**", timeout=timeout_s)
-        found = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
-        if counted := sum(any(word in key for word in _COUNTED) for key in found):
-            self._router_keys.append(counted)
-
     def verdict(self) -> Verdict:
         """Return the verdict: broken only if the 95 % interval of a slope lies above the target.
 
@@ -76,10 +65,8 @@ class NothingLeaks:
         """
         memory = self._slopes(lambda life: life.memory_mb)
         files = self._slopes(lambda life: life.files)
-        keys = self._router_keys or [0]
         leaks = [name for name, (_, at_least, _) in memory.items() if at_least > MEMORY_MB_PER_H]
         leaks += [f"{n}'s files" for n, (_, least, _) in files.items() if least > FILES_PER_H]
-        leaks += ["the router's keys"] if keys[-1] > keys[0] else []
         return Verdict(
             promise="nothing leaks",
             kept=not leaks if memory else None,  # else no process ran for 13 minutes
@@ -109,10 +96,3 @@ class NothingLeaks:
             at_least = min(slope.low_slope, recent.low_slope)
             found[f"{name} ({pid})"] = slope.slope, at_least, slope.high_slope
         return found
-
-
-def open_without_namespace(settings: Settings) -> zenoh.Session:
-    """Open a session that can query the router's own keys."""
-    configuration = client_configuration(settings.zenoh, settings.robot)
-    del configuration["namespace"]
-    return zenoh.open(as_zenoh(configuration))

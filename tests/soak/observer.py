@@ -12,7 +12,7 @@ from clustermcl.link.wire import Received
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief, PoseAnswer
 from clustermcl.protocol.message import Message
-from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
+from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.work import Reported
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
@@ -52,8 +52,6 @@ class Observer:
         self._steps = StepsOnce(self.outages, longest_s)
         self._reporters: dict[str, tuple[str, int]] = {}
         self._belief: Belief | None = None
-        self.seen: dict[str, bytes] = {}
-        """The newest well-formed message of each key."""
         self.is_judging = False
         """Set when the first search is over."""
         self._wall_ns = time.time_ns() - time.monotonic_ns()
@@ -64,13 +62,10 @@ class Observer:
         self._subscribe(keys.BELIEF, Belief, self._on_belief)
         self._subscribe(keys.SCAN, Scan, lambda at_ns, scan: self._steps.on_scan(at_ns, scan.step))
         self._subscribe(TRUTH_KEY, TrueMotion, lambda _, motion: self._on_truth(motion))
-        self._subscribe(keys.LASER_READING, LaserReading, lambda *_: None)
-        self._subscribe(keys.ODOMETRY_READING, OdometryReading, lambda *_: None)
         self._reports = self.node.poll(keys.ALL_REPORTS, Reported, "report", _KEPT)
 
     def _subscribe(self, key: str, message: type[M], handler: Callable[[int, M], object]) -> None:
         def on_message(decoded: M, received: Received) -> None:
-            self.seen[key] = received.payload
             handler(self._wall_ns + received.at_ns, decoded)
 
         self.node.subscribe(key, message, on_message, kind=key, kept=_KEPT)
@@ -146,4 +141,3 @@ class Observer:
             if not one.job_id.startswith("c"):
                 continue
             self._reporters[one.job_id] = one.sender, time.time_ns()
-            self.seen[keys.worker_report(report.sender)] = payload

@@ -21,9 +21,7 @@ ALLOWANCE_S = 0.25
 """Delay allowed on a loaded machine between the robot's stamp and the coordinator's clock."""
 FOUND_WITHIN_S = 60.0
 """Time after a kidnapping in which a search must find all look-alike places [s]."""
-NO_COORDINATOR = frozenset({
-    Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.COORDINATOR_LINK_CUT,
-})  # fmt: skip
+NO_COORDINATOR = frozenset({Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN})
 NO_NETWORK = frozenset({Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN, Kind.SLOW_NETWORK})
 NO_WORKERS = frozenset({Kind.ALL_WORKERS_KILLED})
 _REMEMBERED = 4096

@@ -15,7 +15,6 @@ class Kind(StrEnum):
     WORKER_FROZEN = "worker frozen"
     ALL_WORKERS_KILLED = "all workers killed"
     COORDINATOR_KILLED = "coordinator killed"
-    WORKER_AND_COORDINATOR_KILLED = "worker and coordinator killed"
     COORDINATOR_FROZEN = "coordinator frozen"
     BRIDGE_KILLED = "bridge killed"
     ROBOT_FROZEN = "robot frozen"
@@ -23,17 +22,14 @@ class Kind(StrEnum):
     ROUTER_KILLED = "router killed"
     ROUTER_FROZEN = "router frozen"
     SLOW_NETWORK = "slow network"
-    WORKER_LINKS_CUT = "worker links cut"
-    COORDINATOR_LINK_CUT = "coordinator link cut"
     MALFORMED_MESSAGES = "malformed messages"
-    WRONG_READINGS = "wrong readings"
 
 
 @dataclass(frozen=True)
 class Rule:
     copies: int
     """Number in a deck of faults."""
-    does: Literal["kill", "kill both", "freeze", "cut", "send"]
+    does: Literal["kill", "freeze", "send"]
     role: str = ""
     """Role of the victim."""
     lasts_s: tuple[float, float] = (0.0, 0.0)
@@ -45,7 +41,6 @@ RULES = {
     Kind.WORKER_FROZEN: Rule(4, "freeze", WORKER, (0.5, 5.0)),
     Kind.ALL_WORKERS_KILLED: Rule(1, "kill", WORKERS),
     Kind.COORDINATOR_KILLED: Rule(3, "kill", COORDINATOR),
-    Kind.WORKER_AND_COORDINATOR_KILLED: Rule(2, "kill both"),
     Kind.COORDINATOR_FROZEN: Rule(2, "freeze", COORDINATOR, (0.5, 4.0)),
     Kind.BRIDGE_KILLED: Rule(1, "kill", BRIDGE),
     Kind.ROBOT_FROZEN: Rule(2, "freeze", ROBOT, (1.5, 4.0)),
@@ -53,10 +48,7 @@ RULES = {
     Kind.ROUTER_KILLED: Rule(1, "kill", ROUTER),
     Kind.ROUTER_FROZEN: Rule(1, "freeze", ROUTER, (0.5, 10.0)),
     Kind.SLOW_NETWORK: Rule(2, "freeze", ROUTER, (3.0, 6.0)),
-    Kind.WORKER_LINKS_CUT: Rule(2, "cut", WORKER, (1.0, 60.0)),
-    Kind.COORDINATOR_LINK_CUT: Rule(1, "cut", COORDINATOR, (1.0, 10.0)),
     Kind.MALFORMED_MESSAGES: Rule(2, "send"),
-    Kind.WRONG_READINGS: Rule(1, "send"),
 }
 _NEAREST, _FARTHEST = 0.4, 1.6
 """Interval between faults as a multiple of the mean: the consequences of some overlap."""
@@ -80,9 +72,7 @@ class DoneFault:
     until_ns: int
     """Equal to `at_ns` for an instantaneous fault."""
     target: str
-    """Names of the affected processes, separated by spaces."""
-    how: str = ""
-    """Details in words."""
+    """Name of the affected process, or what was sent."""
 
 
 def planned(

@@ -19,7 +19,7 @@ from tests.soak.clean_end import clean_end_verdict, processes_left, temporary_fi
 from tests.soak.eight_rooms import PLACES, eight_rooms
 from tests.soak.fleet import Fleet
 from tests.soak.injector import Injector
-from tests.soak.leak_promise import NothingLeaks, open_without_namespace
+from tests.soak.leak_promise import NothingLeaks
 from tests.soak.observer import Observer
 from tests.soak.promises import Verdict
 from tests.soak.schedule import DoneFault, Fault
@@ -72,15 +72,12 @@ def run_soak(
             coordinator=replace(settings.coordinator, state_folder=str(kept_in / "state")),
             recorder=replace(settings.recorder, folder=str(kept_in / "flights")),
         )
-        fleet = Fleet(
-            [robot], folder, world=world, rate_hz=rate_hz,
-            coordinators=coordinators, cables=bool(faults),
-        )  # fmt: skip
+        fleet = Fleet([robot], folder, world=world, rate_hz=rate_hz, coordinators=coordinators)
         observer = Observer(robot, world, stop)
         soak = _Soak(observer, fleet, Injector(faults, fleet, observer), show)
         try:
             fleet.start()
-            soak.run(robot, minutes, stop)
+            soak.run(minutes, stop)
         finally:
             soak.injector.end_all()
             stop_s = fleet.stop()
@@ -108,7 +105,7 @@ class _Soak:
         self.result = SoakResult(observer.outages.faults)
         self.known: set[psutil.Process] = set()
 
-    def run(self, robot: Settings, minutes: float, stop: StopFlag) -> None:
+    def run(self, minutes: float, stop: StopFlag) -> None:
         self._minutes = minutes
         observer, result = self._observer, self.result
         with closing(observer.node) as node:
@@ -120,26 +117,24 @@ class _Soak:
                 if time.monotonic() > deadline_s:
                     problem = f"the places were not found within {_READY_WITHIN_S:.0f} s"
                     raise NotReadyError(f"{problem}; the logs say why: --keep DIR keeps them")
-            with open_without_namespace(robot) as router:
-                result.start_ns = result.end_ns = time.time_ns()
-                observer.is_judging = True
-                every = {
-                    0.2: observer.ask_pose,
-                    3.0: self._sample,
-                    20.0: lambda: self._leaks.count_router_keys(router),
-                    30.0: self._show_progress,
-                }
-                due_ns = dict.fromkeys(every, 0)
-                until_ns = result.start_ns + int(minutes * 60e9)
-                while (now_ns := time.time_ns()) < until_ns and not stop.is_set():
-                    for fault in self.injector.tick(now_ns, result.start_ns):
-                        result.faults.append(fault)
-                        self._show_fault(fault)
-                    self._turn()
-                    for period_s, act in every.items():
-                        if now_ns >= due_ns[period_s]:
-                            due_ns[period_s] = now_ns + int(period_s * 1e9)
-                            act()
+            result.start_ns = result.end_ns = time.time_ns()
+            observer.is_judging = True
+            every = {
+                0.2: observer.ask_pose,
+                3.0: self._sample,
+                30.0: self._show_progress,
+            }
+            due_ns = dict.fromkeys(every, 0)
+            until_ns = result.start_ns + int(minutes * 60e9)
+            while (now_ns := time.time_ns()) < until_ns and not stop.is_set():
+                for fault in self.injector.tick(now_ns, result.start_ns):
+                    result.faults.append(fault)
+                    self._show_fault(fault)
+                self._turn()
+                for period_s, act in every.items():
+                    if now_ns >= due_ns[period_s]:
+                        due_ns[period_s] = now_ns + int(period_s * 1e9)
+                        act()
         result.end_ns = time.time_ns()
         result.verdicts += [*observer.verdicts(result.end_ns), self._leaks.verdict()]
 
@@ -162,4 +157,4 @@ class _Soak:
         lasts_s = (fault.until_ns - fault.at_ns) / 1e9
         lasts = f" for {lasts_s:.1f} s" if lasts_s else ""
         at_s = self.result.at_s(fault.at_ns)
-        self._show(f"{at_s:7.1f} s  {fault.kind}{lasts}: {fault.target} {fault.how}".rstrip())
+        self._show(f"{at_s:7.1f} s  {fault.kind}{lasts}: {fault.target}")

@@ -1,16 +1,19 @@
-"""docs/failures.md: the coordinator dies: a new one carries on with the same belief."""
+"""docs/failures.md: coordinator, router or all die: the next one has the same belief."""
 
 import math
 import os
 import signal
 import time
+from pathlib import Path
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.commands.stack import COORDINATOR, WORKERS
+from clustermcl.commands.stack import COORDINATOR, ROUTER, WORKERS
+from clustermcl.coordinator import state_file
 from clustermcl.coordinator.checkpoint import state_in
+from clustermcl.coordinator.recovery import LastPlace
 from clustermcl.filter.settings import BeliefSettings
 from clustermcl.link.wire import alive, ask
 from clustermcl.protocol import keys
@@ -19,10 +22,10 @@ from clustermcl.protocol.codec import encode
 from clustermcl.protocol.errors import UnreachableError
 from clustermcl.protocol.job_events import Began
 from clustermcl.protocol.work import Checkpoint
-from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.live_robot import assert_same_as_alone, with_live_robot
-from tests.integration.faults.system import IMPATIENT, SMALL, System, system
+from tests.integration.faults.system import IMPATIENT, SIMULATOR, SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
 
 LEASE_S = 2.0
@@ -162,3 +165,63 @@ def test_a_frozen_coordinator_steps_down_and_never_acts_next_to_its_successor() 
         wait_until(lambda: tested.beliefs[-1].term > highest)
         tested.wait_for_steps(10)
         assert_same_as_alone(tested)
+
+
+OUTAGE_S = 2.5
+"""Longer than the lease of 2 s."""
+
+
+def test_a_restart_of_the_router_loses_only_the_steps_made_meanwhile() -> None:
+    with system() as tested:
+        tested.wait_until_it_tracks()
+        placed, clusters = tested.jobs(), tested.clusters()
+        pids, workers = dict(tested.stack.supervisor.pids()), tested.worker_pids()
+        tested.hurt(ROUTER)
+        time.sleep(OUTAGE_S)
+        last_before = tested.step
+        tested.mend()
+        mended_s = time.monotonic()
+        wait_until(lambda: tested.step > last_before)
+        assert time.monotonic() - mended_s < stretched_s(2.5), "to connect, and to decide"
+        tested.wait_for_steps(10)
+        assert tested.clusters() == clusters
+        assert tested.jobs() == placed, "no cluster was moved"
+        assert tested.worker_pids() == workers
+        for name in (COORDINATOR, WORKERS, SIMULATOR):
+            assert tested.pid(name) == pids[name], f"{name} went on"
+        # The simulated robot waits for a coordinator, so even the steps of the outage are there.
+        after = tested.since(last_before)
+        assert [belief.missing for belief in after] == [()] * len(after)
+        assert tested.status().steps_lost == 0
+
+
+def kept_in(folder: Path) -> Settings:
+    return replace(
+        SMALL,
+        bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
+        coordinator=CoordinatorSettings(lockstep_deadline_s=60.0, state_folder=str(folder)),
+    )
+
+
+def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(tmp_path: Path) -> None:
+    with system(kept_in(tmp_path), "--steps", "400") as tested:
+        wait_until(lambda: any(b.state == "localized" for b in tested.beliefs))
+        tested.wait_for_steps(5)
+        for name in tested.stack.supervisor.pids():
+            tested.hurt(name)
+        reported = {belief.step: belief for belief in tested.beliefs}
+        kept = state_file.read(tmp_path, "robot")
+        assert kept is not None
+        state = state_in(kept)
+        assert state.collector.applied is not None
+        step = state.collector.applied.step
+        assert abs(step - max(reported)) < 10, "one of the newest; some were still on their way"
+        place = LastPlace.of(state)
+        assert place is not None
+        if step in reported:
+            assert place.pose == reported[step].hypotheses[0].pose
+    with system(kept_in(tmp_path), "--steps", "40") as tested:
+        wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
+        first = next(b for b in tested.beliefs if b.state != "searching")
+        assert first.step < step, "another life, with a search of its own"
+        assert all(h.age_steps <= first.step for h in first.hypotheses)

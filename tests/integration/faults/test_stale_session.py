@@ -23,7 +23,7 @@ from clustermcl.runtime.settings import RobotSettings, Settings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
-from tests.integration.processes import RunningProcess
+from tests.integration.processes import RunningProcess, python_script
 from tests.integration.routers import open_router
 from tests.integration.running import running
 from tests.integration.sensor_bridge.robot import Robot
@@ -32,6 +32,7 @@ from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import ORIGIN, laser_reading
 
 LOOK_S = 2.0
+RELAY = Path(__file__).parent / "programs" / "relay.py"
 
 
 class Detour:
@@ -52,13 +53,10 @@ class Detour:
         """Break all open links, and relay new ones."""
         if self._process is not None:
             self._process.kill()
-        far, control = self._folder / "far.sock", self._folder / "control.sock"
-        for socket in (far, control):
-            socket.unlink(missing_ok=True)
-        arguments = ("--listen", far, "--router", self._folder / "to.sock", "--control", control)
-        self._process = self._start_process(
-            python_module("tests.soak.cables", *(str(argument) for argument in arguments))
-        )
+        far = self._folder / "far.sock"
+        far.unlink(missing_ok=True)
+        words = ("--listen", str(far), "--router", str(self._folder / "to.sock"))
+        self._process = self._start_process(python_script(RELAY, *words))
 
 
 TOKENS = {

@@ -77,9 +77,7 @@ def localized_robots(
         )
         for number in range(1, count + 1)
     ]  # fmt: skip
-    fleet = Fleet(
-        each, folder, world=WORLD, rate_hz=RATE_HZ, coordinators=1, cables=False, pool=pool
-    )
+    fleet = Fleet(each, folder, world=WORLD, rate_hz=RATE_HZ, coordinators=1, pool=pool)
     fleet.start()
     try:
         with ExitStack() as opened:

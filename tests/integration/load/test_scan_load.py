@@ -29,7 +29,7 @@ def test_some_seconds_at_forty_hertz_under_other_load_lose_no_step_and_no_place(
 ) -> None:
     """An overloaded bridge makes fewer steps of the scans; the delay of a belief is not checked.
 
-    tests/soak/test_long.py has ten minutes without other load, and checks it.
+    `python -m tests.soak --rate-hz 40` shows it without other load.
     """
     file = tmp_path / "soak.json"
     words = ["--minutes", str(MINUTES), "--rate-hz", "40", "--workers", "8", "--seed", "1"]

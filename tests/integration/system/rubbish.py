@@ -6,18 +6,13 @@ from contextlib import suppress
 
 import msgpack
 import msgspec
-import numpy as np
 import zenoh
 
-from clustermcl.protocol import keys, work
-from clustermcl.protocol.answers import Kidnap, Relocalize, SetPose, Update
-from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol import keys
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.health import Health
-from clustermcl.protocol.message import Message
-from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
-from tests.unit.coordinator.reports import cloud_at, searched, tracked
+from clustermcl.protocol.steps import Scan
+from tests.unit.coordinator.reports import tracked
 
 WORKER = "worker-0"
 NO_NAME = "a worker\n"
@@ -52,38 +47,12 @@ NO_MESSAGES = {
 }
 
 
-HOUR_NS = 3600 * 10**9
-
-
 def no_messages() -> Iterator[tuple[str, bytes]]:
     """Yield everything of `NO_MESSAGES` for each key that is published or queried."""
     for key in (*PUBLISHED, *SERVED):
         for data in NO_MESSAGES.values():
             if data or key != keys.RELOCALIZE:  # whose query needs none
                 yield key, data
-
-
-def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tuple[str, bytes]]:
-    """Yield impossible readings, each with one wrong number of these: key and bytes."""
-
-    def ranges(values: list[float]) -> ArrayBlob:
-        return ArrayBlob.of(np.array(values), "float32")
-
-    x, y, heading = odometry.odom_from_robot
-    for change in (
-        {"ranges": ranges([NAN] * 3)}, {"ranges": ranges([0.0, -1.0, math.inf])},
-        {"ranges": ranges([])}, {"ranges": ranges([1.0] * 30_000)},
-        {"ranges": ArrayBlob(dtype="float32", shape=(3,), data=b"12")},
-        {"ranges": ArrayBlob(dtype="int8", shape=(2**40, 2**40), data=b"")},
-        {"angle_step_rad": 5.0}, {"angle_min_rad": NAN}, {"range_max_m": -1.0},
-        {"robot_from_laser": (1e300, 0.0, 0.0)}, {"stamp_ns": 2**63 - 1},
-        {"stamp_ns": laser.stamp_ns + HOUR_NS}, {"stamp_ns": laser.stamp_ns - HOUR_NS},
-        {"odom_from_robot": (100.0 + x, y, heading)}, {"odom_from_robot": (NAN, 0.0, 0.0)},
-    ):  # fmt: skip
-        yield keys.LASER_READING, encode(msgspec.structs.replace(laser, **change))
-    for pose in ((x + 100.0, y, heading), (math.inf, 0.0, 0.0), (0.0, 1e9, 0.0)):
-        changed = msgspec.structs.replace(odometry, odom_from_robot=pose)
-        yield keys.ODOMETRY_READING, encode(changed)
 
 
 class ForeignSender:
@@ -100,25 +69,28 @@ class ForeignSender:
                 self.scans.setdefault(scan.step, scan)
 
     def speak(self) -> None:
+        """Publish no messages, and scans and reports that come at the wrong time or are wrong."""
         with self.session.liveliness().declare_token(keys.worker_alive(NO_NAME)):
             pass
         for key, data in no_messages():
             if key in PUBLISHED:
                 self._put(key, data)
-        for key, message in self._poison():
+        *_, scan = self.scans.values()
+        report, old = keys.worker_report(WORKER), tracked("c0", scan.step, 1e9, ORIGIN, epoch=0)
+        for key, message in (
+            (keys.SCAN, msgspec.structs.replace(scan, map_digest=ANOTHER_MAP, step=scan.step + 1)),
+            (keys.SCAN, msgspec.structs.replace(scan, angle_step_rad=NAN)),
+            *((keys.SCAN, again) for again in reversed([*self.scans.values()][-4:])),
+            (keys.worker_report(NO_NAME), old),
+            (report, old),
+            (report, msgspec.structs.replace(old, log_likelihood_per_beam=math.inf)),
+        ):
             self._put(key, encode(message))
 
     def ask(self) -> None:
-        commands = (
-            *(keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP),
-            keys.worker_order(WORKER),
-        )
         for key, data in no_messages():
             if key in SERVED:
                 self._get(key, data)
-        for key in commands:
-            for message in self._bad_commands():
-                self._get(key, encode(message))
         for selector in ("scans?first=x", f"scans?first={'9' * 5000}", "scans?last=-1;first=-7"):
             self._get(selector, b"")
 
@@ -133,70 +105,3 @@ class ForeignSender:
 
     def _get(self, selector: str, data: bytes) -> None:
         self.session.get(selector, lambda _reply: None, payload=data, timeout=0.5)
-
-    def _poison(self) -> Iterator[tuple[str, Message]]:
-        """Messages whose fields are right and whose numbers are not, or not any more."""
-        *_, scan = self.scans.values()
-        for change in (
-            {"step": -1}, {"step": 2**60}, {"stamp_ns": 2**63 - 1},
-            {"odom_from_robot": (NAN, 0.0, 0.0)},
-            {"map_digest": ANOTHER_MAP, "step": scan.step + 1},
-            {"ranges": ArrayBlob(dtype="float32", shape=(1_000_000, 1_000), data=b"1234")},
-            {"ranges": ArrayBlob(dtype="float32", shape=(0,) * 99, data=b"")},
-            {"ranges": ArrayBlob.of(np.full(60, NAN), "float32"), "step": scan.step + 1},
-            {"angle_step_rad": NAN}, {"robot_from_laser": (math.inf, 0.0, 0.0)},
-        ):  # fmt: skip
-            yield keys.SCAN, msgspec.structs.replace(scan, **change)
-        yield from (
-            (keys.SCAN, old) for old in reversed([*self.scans.values()][-4:])
-        )  # again, out of order
-        honest = tracked("c0", scan.step, 1.0, ORIGIN)
-        yield keys.worker_report(NO_NAME), honest
-        report = keys.worker_report(WORKER)
-        yield from ((report, bad) for bad in self._bad_reports(scan.step))
-        for pose in ((NAN, 0.0, 0.0), (1e300, 0.0, 0.0)):
-            yield keys.ODOMETRY, OdometryReading(sender="x", stamp_ns=0, odom_from_robot=pose)
-        checkpoint = work.Checkpoint(sender="x", term=-1, serial=0, step=0, founded=True, state=b"")
-        yield keys.CHECKPOINT, checkpoint
-        bloated = Health(
-            sender="x", role="x", version="", uptime_s=0.0, done={str(n): n for n in range(900)}
-        )
-        yield keys.worker_health(WORKER), bloated
-        yield keys.worker_health(WORKER), msgspec.structs.replace(bloated, done={}, uptime_s=NAN)
-
-    @staticmethod
-    def _bad_reports(step: int) -> Iterator[work.Reported]:
-        old = tracked("c0", step, 1e9, ORIGIN, epoch=0)
-        yield old  # of an epoch that is over
-        yield msgspec.structs.replace(old, job_id="c999999", epoch=10**6)
-        yield searched("s0.0", step, {ORIGIN: 1.0}, epoch=0, log_evidence=1e6)
-        for change in (
-            {"log_weight_sum": NAN}, {"log_weight_sum": math.inf}, {"particles": 0},
-            {"log_likelihood_per_beam": math.inf},
-            {"pose": (NAN, 0.0, 0.0)}, {"covariance": (NAN,) * 9}, {"step": -5},
-        ):  # fmt: skip
-            bad = msgspec.structs.replace(old, **change)
-            yield bad
-            yield work.ReportBatch(sender="x", reports=(old, bad))
-
-    @staticmethod
-    def _bad_commands() -> Iterator[Message]:
-        yield SetPose(sender="x", command_id="1", pose=(NAN, 0.0, 0.0))
-        yield SetPose(sender="x", command_id="2", pose=ORIGIN, position_sigma_m=-1.0)
-        lopsided = (1.0, 9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-        yield SetPose(sender="x", command_id="2", pose=ORIGIN, covariance=lopsided)
-        yield SetPose(sender="x", command_id="y" * 1000, pose=ORIGIN)
-        yield Relocalize(sender="x", command_id="")
-        yield Update(sender="x", command_id="")
-        yield Kidnap(sender="x", command_id="3", pose=(math.inf, 0.0, 0.0))
-        cloud = cloud_at(ORIGIN, 0)
-        poisoned = msgspec.structs.replace(
-            cloud, log_weights=ArrayBlob.of(np.full(2, NAN), "float64")
-        )
-        for term, digest, start in ((0, ANOTHER_MAP, cloud), (2**50, "x", poisoned)):
-            job = work.TrackJob(cluster=0, start=start, exact=True)
-            yield work.WorkOrder(
-                sender="x", term=term, order=1, map_digest=digest, filter_settings={},
-                snapshot_every_steps=1, keep=(),
-                begin=(work.Assignment(job_id="c0", epoch=0, job=job),),
-            )  # fmt: skip

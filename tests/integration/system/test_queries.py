@@ -1,7 +1,6 @@
 import json
 import math
 import subprocess
-import sys
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from clustermcl.runtime.settings import MetricsSettings, Settings
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import system as running_system
 from tests.integration.free_port import free_port
+from tests.integration.system.commands import ran
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient, patient_client, wait_until
 
@@ -48,17 +48,13 @@ def _done(client: Client, process: str, what: str) -> int:
 
 
 def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
-    command = "from clustermcl.commands.command import main; main()"
     zenoh, at = patient(settings.zenoh), 1 + words[0].startswith("--")  # options of the command
     options = [
         word
         for name in ("router", "connect_timeout_s", "query_timeout_s")
         for word in ("--set", f"zenoh.{name}={getattr(zenoh, name)}")
     ]
-    return subprocess.run(
-        [sys.executable, "-I", "-c", command, *words[:at], *options, *words[at:]],
-        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
-    )  # fmt: skip
+    return ran(*words[:at], *options, *words[at:])
 
 
 def asked(settings: Settings, *words: str) -> Any:

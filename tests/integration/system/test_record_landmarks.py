@@ -10,10 +10,8 @@ from msgspec.structs import replace
 from clustermcl.commands.record_landmarks import run_record_landmarks
 from clustermcl.link.wire import Publisher
 from clustermcl.protocol import keys
-from clustermcl.protocol.errors import LandmarksFileError
 from clustermcl.recordings.maps.landmarks import load_landmarks
 from clustermcl.runtime.settings import Settings, ZenohSettings
-from clustermcl.runtime.stop import StopFlag
 from tests.integration.conftest import OpenClient
 from tests.integration.running import running
 from tests.integration.waiting import wait_until
@@ -50,10 +48,3 @@ def test_seen_landmarks_are_added_to_the_file(
     assert (pillar.name, door.name) == ("pillar", "door")
     assert (door.x, door.y) == pytest.approx((1.0 + 0.8776, 2.0 + 0.4794), abs=0.001)
     assert "not a valid Observation" in caplog.text
-
-
-def test_a_damaged_file_is_refused_before_the_drive(tmp_path: Path) -> None:
-    file = tmp_path / "landmarks.yaml"
-    file.write_text("landmarks: 7")
-    with pytest.raises(LandmarksFileError, match="not a landmarks file"):
-        run_record_landmarks(Settings(), file, StopFlag())

@@ -4,8 +4,6 @@ import os
 import pwd
 import shutil
 import signal
-import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,7 +13,7 @@ from clustermcl.client import Client
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.processes import RunningProcess
 from tests.integration.system.commands import COMMAND, SMALL_FILTER
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import wait_until
 
 ACCOUNT = 54321
 AS_ACCOUNT = [
@@ -23,13 +21,6 @@ AS_ACCOUNT = [
     # It may read the interpreter and these sources, wherever they are.
     *("--inh-caps=-all,+dac_read_search", "--ambient-caps=-all,+dac_read_search"),
 ]
-LIBRARY = """
-from clustermcl import ClusterMCL, Reading
-from clustermcl.simulator.worlds.catalogue import world
-small = {"search.poses": 200, "search.heading_step_rad": 0.2, "search.shards": 1}
-mcl = ClusterMCL(world("cross_feature").map, settings=small)
-print(mcl.update(Reading((0.0, 0.0, 0.0), [1.0] * 20, angle_step=0.3, range_max=9.0)).step)
-"""
 
 
 def has_name() -> bool:
@@ -51,39 +42,27 @@ def folder(short_folder: str) -> Path:
     return Path(short_folder)
 
 
-def environment(folder: Path) -> dict[str, str]:
-    return {"PATH": os.environ["PATH"], "TMPDIR": str(folder)}
-
-
-def test_the_library_localizes(folder: Path) -> None:
-    ran = subprocess.run(
-        [*AS_ACCOUNT, sys.executable, "-I", "-c", LIBRARY],
-        env=environment(folder) | {"HOME": "/"}, capture_output=True, text=True, check=False,
-        timeout=PATIENCE_S,
-    )  # fmt: skip
-    assert (ran.returncode, ran.stdout) == (0, "0\n"), ran.stderr
-    own = folder / f"clustermcl-{ACCOUNT}"
-    assert list(own.glob("maps/field-*"))
-    assert own.stat().st_mode & 0o077 == 0
-    assert f"maps: kept in {own}/maps until the machine restarts" in ran.stderr
-
-
 def test_a_system_starts_and_keeps_its_state(
     folder: Path, zenoh_settings: ZenohSettings, tmp_path: Path
 ) -> None:
     words = ["up", "--set", f"zenoh.router={zenoh_settings.router}", "--set", "worker.count=2"]
     words += ["--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER]
-    command = [*AS_ACCOUNT, *COMMAND, *words]
-    up = RunningProcess(command, tmp_path, "up", env=environment(folder))
+    command, own = [*AS_ACCOUNT, *COMMAND, *words], folder / f"clustermcl-{ACCOUNT}"
+    up = RunningProcess(
+        command, tmp_path, "up", env={"PATH": os.environ["PATH"], "TMPDIR": str(folder)}
+    )
     try:
         with Client(Settings(zenoh=zenoh_settings)) as client:
             wait_until(lambda: client.pose().probability > 0.0)
-        state = folder / f"clustermcl-{ACCOUNT}" / "state"
+        state = own / "state"
         wait_until(lambda: any(state.glob("state-robot.msgpack*")))
         wait_until(lambda: any(state.glob("flight-recorder/robot/*.mcap")))
         up.send_signal(signal.SIGINT)
         assert up.wait() == 0
     finally:
         up.kill()
+    assert list(own.glob("maps/field-*"))
+    assert own.stat().st_mode & 0o077 == 0
+    assert f"maps: kept in {own}/maps until the machine restarts" in up.err
     assert "Traceback" not in up.err
     assert "restarting" not in up.err
