@@ -17,7 +17,7 @@ from clustermcl.filter.laser.beam_model import BeamModel
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
 from clustermcl.filter.laser.sensor_model import Beams
-from clustermcl.filter.motion.model import move, move_with_noise, standard_normals
+from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.motion.noise import along_across_turn
 from clustermcl.filter.resampling import resample, systematic
 from clustermcl.filter.search.places import cluster_by_source_point
@@ -161,7 +161,7 @@ def motion(count: int, compiler: bool) -> Iterator[Case]:
     in_c = floor.call("drive", poses, count, noise, numbers, moved) if compiler else None
 
     def check() -> None:
-        ours = move_with_noise(poses, drive, settings, noise)
+        ours = move(poses, drive, settings, noise)
         np.testing.assert_allclose(ours, plain.drive(poses, numbers, noise), atol=1e-6)
         if in_c is not None:
             in_c()
@@ -169,12 +169,12 @@ def motion(count: int, compiler: bool) -> Iterator[Case]:
 
     yield Case(
         f"motion, noise given, {count:,} particles", "particle", count,
-        lambda: move_with_noise(poses, drive, settings, noise),
+        lambda: move(poses, drive, settings, noise),
         lambda: plain.drive(poses, numbers, noise), in_c, check,
     )  # fmt: skip
     yield Case(
         f"motion, noise drawn; floor: noise given, {count:,} particles", "particle", count,
-        lambda: move(poses, drive, settings, rng),
+        lambda: move(poses, drive, settings, standard_normals(rng, 3, count)),
         lambda: plain.drive(poses, numbers, rng.standard_normal((3, count))), in_c,
     )  # fmt: skip
 

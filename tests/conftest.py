@@ -23,6 +23,6 @@ def short_folder() -> Iterator[str]:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Build the library of kernels once, before a run in several processes."""
-    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+    """Build the library of kernels once, before all processes of a run."""
+    if not hasattr(config, "workerinput"):
         compile_kernels(SensorSettings())

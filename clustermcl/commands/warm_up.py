@@ -1,18 +1,14 @@
 """`clustermcl warm-up`: compute what later starts read from disk."""
 
-import os
 import time
-from pathlib import Path
 
 from clustermcl.commands.options import settings_command
 from clustermcl.commands.verbosity import say
-from clustermcl.filter.kernels import compiled as kernels
 from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of
 from clustermcl.runtime.folders import kept_folder
-from clustermcl.runtime.output_files import OutputError
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import is_published
 
@@ -28,10 +24,8 @@ def warm_up(settings: Settings) -> None:
     if kernel_library.library() is None:
         say("compiling the kernels, some 20 s")
     compile_kernels(settings.sensor)
-    if kernels.cache_problems:
-        folder = Path(os.environ.get("NUMBA_CACHE_DIR", "the folder of compiled kernels"))
-        raise OutputError(path=folder, problem=kernels.cache_problems[0])
-    say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
+    if kernel_library.library() is not None:
+        say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
     bridge = settings.bridge
     file = map_file_of(bridge.map, bridge.source)
     if not file or is_published(file, bridge.source):

@@ -22,9 +22,6 @@ def normalised_weights(log_weights: LogWeights) -> NDArray[np.float64]:
 def weights_and_ess(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
     """Return linear weights and the effective sample size.
 
-    Args:
-        log_weights: (N,), not necessarily normalised.
-
     Returns:
         (N,) weights that sum to one, and the effective sample size (sum w)^2 / sum w^2, between
         1 and N.
@@ -48,13 +45,7 @@ def log_sum(log_weights: LogWeights) -> float:
 def multiplied(
     log_weights: LogWeights, log_likelihood: LogWeights, exponent: float, penalty: LogWeights
 ) -> tuple[LogWeights, float]:
-    """Multiply weights by a tempered likelihood and a penalty, scaled to sum to N.
-
-    Args:
-        log_weights: (N,) log-weights of the particles.
-        log_likelihood: (N,) log-likelihood of the scan for each particle.
-        exponent: factor of the log-likelihood.
-        penalty: (N,) logarithms of factors without the exponent.
+    """Multiply weights by a tempered likelihood and a penalty, scaled to sum to N; all are (N,).
 
     Returns:
         (N,) log-weights, and the logarithm of the sum of the weights before scaling.

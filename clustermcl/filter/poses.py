@@ -42,15 +42,7 @@ def heading_distance(
 
 
 def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
-    """Chain two poses to `a_from_c`.
-
-    Args:
-        a_from_b: (..., 3) x [m], y [m], heading [rad].
-        b_from_c: (..., 3), broadcast against `a_from_b`.
-
-    Returns:
-        (..., 3) with headings in [-pi, pi).
-    """
+    """Chain (..., 3) poses to `a_from_c`, with headings in [-pi, pi)."""
     a_from_b, b_from_c = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
     if a_from_b.ndim == b_from_c.ndim == 1:  # for one pose, plain numbers are five times as fast
         (x, y, heading), (along, across, turn) = a_from_b.tolist(), b_from_c.tolist()

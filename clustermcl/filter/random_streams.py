@@ -42,13 +42,6 @@ def generator(
 ) -> np.random.Generator:
     """Create the random generator for one piece of work.
 
-    Args:
-        seed: seed of the whole filter.
-        purpose: the kind of work.
-        entity: number of the cluster or search.
-        step: number of the gated scan.
-        part: number of the part, if the work is divided.
-
     Raises:
         ValueError: an argument is negative or does not fit 64 bits.
     """

@@ -19,10 +19,7 @@ Indices = NDArray[np.int64]
 def resample(log_weights: LogWeights, count: int, rng: np.random.Generator) -> Indices:
     """Draw particles so that each is expected `count` times its normalised weight.
 
-    Args:
-        log_weights: (N,), not necessarily normalised.
-        count: number of particles to draw; need not be N.
-        rng: source of one number.
+    The (N,) weights need not be normalised; `rng` is the source of one number.
 
     Returns:
         (count,) increasing indices of particles; never one of weight zero.
@@ -66,10 +63,7 @@ def optimal_resampling(
     expected weight of each particle stays, with the least variance of all schemes that repeat no
     particle.
 
-    Args:
-        log_weights: (N,), not necessarily normalised; the sum of the weights stays.
-        count: number of particles to keep, positive; if N is not larger, all are kept.
-        rng: source of one number.
+    The sum of the (N,) weights stays. If N is not larger than `count`, all are kept.
 
     Returns:
         Increasing indices of the kept particles, and their log-weights.

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.advice.advice import Question, advised_ways
 from clustermcl.filter.advice.exploring import unseen_way
-from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M, Roads, without_common_ground
+from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M, Roads
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import residual
 from clustermcl.filter.laser.sensor_model import SensorModel
@@ -20,8 +20,6 @@ from clustermcl.protocol.steps import Landmark, Scan
 
 PROBABLY_ELSEWHERE = 0.5
 LOST = "the robot is probably at another place: drive where a search sees more"
-MAX_COMPARED = 8
-"""Number of the most probable places of which pairs without common ground are found."""
 
 
 def advice(
@@ -65,23 +63,17 @@ def advice(
         )
         for way in ways
     )
-    note, apart = "", list[tuple[int, ...]]()
+    note = ""
     if is_lost:
         note = LOST
     elif np.hypot(*spots[:, :2].T).max() < LEAST_REACH_M:
-        some = question.places[:MAX_COMPARED], question.covariances[:MAX_COMPARED]
-        groups = without_common_ground(*some, question.radius_m, model.grid)
-        apart = [tuple(head.clusters[place] for place in group) for group in groups]
-        named = ", ".join(" and ".join(f"c{cluster}" for cluster in group) for group in apart[:5])
-        note = f"no ground is free at all {count} places" + (f": not at {named}" if named else "")
-        note += f" and {len(apart) - 5} more pairs" * (len(apart) > 5)
+        note = f"no ground is free at all {count} places"
     elif not made:
         note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
     return replace(
         head,
         ways=explored + made,
         note=note,
-        apart=tuple(apart),
         spots=tuple(map(pose_tuple, spots)),
     )
 

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels import library as kernel_library
+from clustermcl.filter.kernels.folders import why_untrusted
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.seen_cells import codes_of, seen_cells
 from clustermcl.filter.laser.sensor_models import computed_model
@@ -50,7 +51,7 @@ _log = logging.getLogger(__name__)
 def compile_kernels(sensor: SensorSettings) -> None:
     """Build the library of kernels if it is not on disk.
 
-    Where it cannot be built, numba compiles them now rather than at the first scan.
+    Where it cannot be built, numba compiles them at each start rather than at the first scan.
 
     Raises:
         NoKernelsError: there is no library, and no numba that compiles one.
@@ -70,7 +71,8 @@ def compile_kernels(sensor: SensorSettings) -> None:
     except subprocess.CalledProcessError as error:
         reason = (error.stderr.strip().splitlines() or [str(error)])[-1]
     _log.warning(
-        "no library of kernels can be built, so each process takes 100 MB more: %s", reason
+        "no library of kernels can be built, so each process takes 100 MB and some 20 s more: %s",
+        reason,
     )
     run_kernels(sensor, MotionSettings())
 
@@ -79,7 +81,8 @@ def _build_library() -> None:
     """Build it, unless another process has built it meanwhile."""
     file = kernel_library.path()
     file.parent.mkdir(parents=True, exist_ok=True)
-    kernel_library.trusted_folder()
+    if problem := why_untrusted(file.parent):
+        raise PermissionError(problem)
     with (file.parent / "kernels.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         kernel_library.library.cache_clear()

@@ -126,8 +126,5 @@ class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
     spots: tuple[tuple[Finite, Finite, NotNegative], ...] = ()
     """View points on ways that are free at all places: x [m] ahead, y [m] to the left, and the
     expected information of a new view there [nat]."""
-    apart: tuple[tuple[int, ...], ...] = ()
-    """Without a way that is free at all places: clusters that have no free ground around them, and
-    pairs of the others that share none."""
     note: str = ""
     """Why there is no way, or what else to know; may be empty."""

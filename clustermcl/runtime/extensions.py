@@ -43,7 +43,7 @@ def register(kind: Kind, name: str, extension: object) -> None:
     Args:
         kind: kind of the extension.
         name: value of ``sensor.model`` or ``motion.model``; any name for a reader.
-        extension: a `SensorModel` class; a function like `motion.move_with_noise`; or a function
+        extension: a `SensorModel` class; a function like `motion.model.move`; or a function
             of a path that returns `clustermcl.Reading`s, or None for a file of another format.
     """
     extensions[kind, name] = extension

@@ -23,11 +23,8 @@ def unseen_way(laser: LaserScan, seen: ViewMemory, radius_m: float, roads: Roads
     The lane of the way is as wide as the robot and a margin, and ends before the first hit of the
     scan in it. Without a hit, a lane is not known to be free.
 
-    Args:
-        laser: the newest scan; hits of all its lasers count.
-        seen: the robot's earlier views.
-        radius_m: radius of the robot [m].
-        roads: ground that is free at the places that are still possible; None: there is no place.
+    Hits of all lasers count. `roads` are free at the places that are still possible; None: there is
+    no place.
 
     Returns:
         (n, 3) poses relative to the robot, 0.2 m apart; none if no way of `LEAST_M` is free.

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +50,6 @@ class Roads:
     sure: NDArray[np.bool_]
     """(n, n) for points of the lattice: clear of obstacles whatever the errors of the places."""
 
-    @property
-    def reach_m(self) -> float:
-        """Distance of the farthest spot [m]."""
-        return float(np.hypot(*self.nodes[self.spots].T).max())
-
     def way_to(self, node: int) -> NDArray[np.int64]:
         """Return the (n,) nodes of the way, from the robot's node on."""
         way = [node]
@@ -84,62 +78,22 @@ def roads_of(places: Poses, covariances: NDArray[np.float64], radius_m: float, g
 
     `covariances` are the (K, 3, 3) of the places, `radius_m` is that of the robot.
     """
-    points = _lattice(REACH_M)
-    middle, clear = len(points) // 2, np.full(points.shape[:2], np.inf)
-    drivable, sure = np.ones((2, *points.shape[:2]), np.bool_)
+    middle = 2 * round(REACH_M / (2.0 * _LATTICE_M))
+    axis = np.arange(-middle, middle + 1) * _LATTICE_M
+    x, y = np.meshgrid(axis, axis)
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    near, clear = np.hypot(x, y) < _NEAR_M, np.full(x.shape, np.inf)
+    drivable, sure = np.ones((2, *x.shape), np.bool_)
     for place, covariance in zip(places, covariances, strict=True):
-        drivable_here, sure_here, clear_here = _ground(place, covariance, radius_m, grid, points)
-        drivable &= drivable_here
-        sure &= sure_here
-        clear = np.minimum(clear, clear_here)
+        room, as_now = _clearance(grid, place, points), np.zeros_like(near)
+        if room[middle, middle] < radius_m + MARGIN_M + _LATTICE_M:
+            as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
+        spread = SURE_SIGMAS * _spread(place, covariance, points)
+        drivable &= (room > radius_m + max(spread[middle, middle], MARGIN_M)) | as_now
+        sure &= (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
+        clear = np.minimum(clear, room - spread)
     drivable[middle, middle] = True
     return _shortest(drivable, sure, clear, points)
-
-
-def without_common_ground(
-    places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid
-) -> list[tuple[int, ...]]:
-    """Return the numbers of places without free ground, and of pairs of others that share none.
-
-    Arguments as for `roads_of`. Ground counts from `LEAST_REACH_M` on: only that near is looked at.
-    """
-    points, grounds = _lattice(min(2.0 * LEAST_REACH_M + radius_m, REACH_M)), []
-    for place, covariance in zip(places, covariances, strict=True):
-        grounds.append(_ground(place, covariance, radius_m, grid, points))
-    middle, found = len(points) // 2, list[tuple[int, ...]]()
-    numbers = range(len(places))
-    for group in chain(combinations(numbers, 1), combinations(numbers, 2)):
-        if any((place,) in found for place in group):
-            continue
-        common = np.logical_and.reduce([grounds[place][0] for place in group])
-        clear = np.minimum.reduce([grounds[place][2] for place in group])
-        common[middle, middle] = True
-        if _shortest(common, common, clear, points).reach_m < LEAST_REACH_M:
-            found.append(group)
-    return found
-
-
-def _lattice(reach_m: float) -> Poses:
-    """Return the (n, n, 3) points in the robot's frame whose clearance is checked."""
-    side = 2 * round(reach_m / (2.0 * _LATTICE_M))
-    axis = np.arange(-side, side + 1) * _LATTICE_M
-    x, y = np.meshgrid(axis, axis)
-    return np.stack([x, y, np.zeros_like(x)], axis=-1)
-
-
-def _ground(
-    place: Pose, covariance: NDArray[np.float64], radius_m: float, grid: Grid, points: Poses
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
-    """Return (n, n) where one place can be driven, where surely, and how clear it is there [m]."""
-    middle, room = len(points) // 2, _clearance(grid, place, points)
-    near = np.hypot(points[..., 0], points[..., 1]) < _NEAR_M
-    as_now = np.zeros_like(near)
-    if room[middle, middle] < radius_m + MARGIN_M + _LATTICE_M:
-        as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
-    spread = SURE_SIGMAS * _spread(place, covariance, points)
-    drivable = (room > radius_m + max(spread[middle, middle], MARGIN_M)) | as_now
-    sure = (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
-    return drivable, sure, room - spread
 
 
 def _from_robot(place: Pose, points: Poses) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from clustermcl.filter.cluster.gaussian import fit_gaussian
 from clustermcl.filter.laser.evidence_model import scan_exponent, way
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import multiplied, normalised_weights, weights_and_ess
-from clustermcl.filter.motion.model import move
+from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.resampling import resample, systematic
 from clustermcl.filter.settings import ClusterSettings, MotionSettings
 
@@ -80,14 +80,10 @@ def resampled(
 def measurement_update(
     particles: ParticleSet, beams: Beams, model: SensorModel, exponent: float, share: float = 1.0
 ) -> MeasurementUpdate:
-    """Multiply the weights by the likelihood of a scan.
+    """Multiply the weights by the likelihood of a scan; without beams, they stay.
 
-    Args:
-        particles: N particles.
-        beams: beams of the scan; without beams, the particles stay and the evidence is one.
-        model: the sensor model.
-        exponent: exponent of the scan's likelihood, because beams are not independent.
-        share: further factor of the log-likelihood, for the weights but not for the evidence.
+    `exponent` is there because beams are not independent. `share` is a further factor of the
+    log-likelihood, for the weights but not for the evidence.
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
@@ -131,22 +127,15 @@ def mcl_step(
 
     Particles never leave their cluster (eq. 14).
 
-    Args:
-        particles: the cluster's particles before the step.
-        before_from_after: (3,) motion of the robot since the last step, by odometry.
-        beams: scored beams of the scan.
-        model: the sensor model.
-        motion: model and noise of the odometry.
-        settings: settings of a cluster.
-        rng: source of the random numbers of this step.
-        is_first: whether this is the particles' first scan, so that all of it is new.
-        count: number of particles that a resampling draws; None: the present number.
+    All of the particles' first scan is new. A resampling draws `count` particles; None: as many as
+    there are.
 
     References:
         Section 2, routine 1-3; the draw is omitted while the effective sample size suffices.
     """
     particles = resampled(particles, count or len(particles.log_weights), settings, rng)
-    moved = move(particles.map_from_robot, before_from_after, motion, rng)
+    noise = standard_normals(rng, 3, len(particles.log_weights))
+    moved = move(particles.map_from_robot, before_from_after, motion, noise)
     exponent = scan_exponent(beams.count, model.settings)
     share = 1.0 if is_first else new_share(before_from_after, settings)
     after_motion = ParticleSet(moved, particles.log_weights)
@@ -163,14 +152,8 @@ def regularised_resample(
 
     The noise has half the width of Silverman's kernel for the sample's variances.
 
-    Args:
-        sample: (M, 3) poses.
-        log_weights: (M,).
-        count: number of particles to draw.
-        rng: random numbers for the draw and the noise.
-
     Raises:
-        ValueError: the sample is empty or has no weight.
+        ValueError: the (M, 3) sample is empty or has no weight.
 
     References:
         Musso, Oudjane and Le Gland, "Improving regularised particle filters" (2001).

@@ -16,12 +16,8 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
     The heading's mean is circular, and its deviations are wrapped to +-pi. The covariance is
     divided by the sum of weights: the maximum likelihood fit.
 
-    Args:
-        poses: (N, 3) x [m], y [m], heading [rad].
-        weights: (N,) linear weights with any positive sum.
-
     Returns:
-        (3,) mean pose and (3, 3) covariance [m^2, m rad, rad^2].
+        (3,) mean pose and (3, 3) covariance [m^2, m rad, rad^2] of (N, 3) poses.
 
     Raises:
         ValueError: the sum of the weights is not positive and finite.

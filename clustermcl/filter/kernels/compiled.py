@@ -2,13 +2,13 @@
 
 A kernel runs from the library of compiled kernels (see `kernel_library`), which needs no numba:
 numba and LLVM take 130 MB of a process. Where there is no library, or it has no entry for these
-types of arguments, numba compiles the kernel and keeps the machine code on disk.
+types of arguments, numba compiles the kernel in each process.
 `NUMBA_DISABLE_JIT=1` makes numba run every kernel as plain Python.
 """
 
 import functools
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from math import cos, sin
 from typing import Any, cast
 
@@ -17,9 +17,6 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import F, Pose, Poses
 from clustermcl.filter.kernels import library as kernel_library
-
-cache_problems: list[str] = []
-"""Reasons why numba could not read machine code from disk or write it, logged at the start."""
 
 
 def kernel(function: F) -> F:
@@ -45,7 +42,9 @@ class Kernel:
             name = f"{self.function.__module__}.{self.function.__qualname__}{types}"
             if _record is not None:
                 return _record(name, self.function, arguments)
-            compiled = self.compiled[types] = kernel_library.entry(name) or self.by_numba
+            compiled = self.compiled[types] = (
+                getattr(kernel_library.library(), name, None) or self.by_numba
+            )
         return compiled(*arguments)
 
     @cached_property
@@ -56,27 +55,10 @@ class Kernel:
             NoKernelsError: numba is not installed.
         """
         try:  # 130 MB, only where the library does not do
-            from numba import config, njit  # noqa: PLC0415
+            from numba import njit  # noqa: PLC0415
         except ModuleNotFoundError as error:
             raise kernel_library.NoKernelsError from error
-
-        compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
-        named = config.CACHE_DIR
-        try:
-            config.CACHE_DIR = str(kernel_library.trusted_folder())
-            compiled = compile_lazily(cache=True)(self.function)
-        except (PermissionError, RuntimeError) as error:  # of numba, which finds no folder
-            untrusted = isinstance(error, PermissionError)
-            cache_problems.append(str(error) if untrusted else "no folder for them can be written")
-            return compile_lazily()(self.function)
-        finally:
-            config.CACHE_DIR = named
-        if hasattr(compiled, "_cache"):  # it is compiled, not plain Python
-            _stamp_with_callees(compiled, self.function)
-            for method in ("load_overload", "save_overload"):
-                forgiving = _ignoring_cache_errors(getattr(compiled._cache, method))
-                setattr(compiled._cache, method, forgiving)
-        return compiled
+        return njit(self.function, error_model="numpy", boundscheck=False)
 
     @property
     def _numba_type_(self) -> Any:
@@ -133,32 +115,6 @@ def _type_of(argument: Any) -> Any:
     if kind is np.ndarray:
         return argument.dtype.str, argument.ndim, argument.flags.num & _LAYOUT
     return kind.__name__, *map(_type_of, argument if isinstance(argument, tuple) else ())
-
-
-def _ignoring_cache_errors(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Ignore errors of the disk cache: the kernel is compiled instead."""
-
-    def forgiving(*arguments: Any) -> Any:
-        try:
-            return method(*arguments)
-        except Exception as error:  # noqa: BLE001 - a damaged cache file may raise anything
-            cache_problems.append(str(error) or type(error).__name__)
-            return None  # numba then compiles the kernel
-
-    return forgiving
-
-
-def _stamp_with_callees(compiled: Any, function: Any) -> None:
-    """Invalidate cached machine code when a kernel that it calls in another file has changed.
-
-    Numba compares only time and size of the kernel's own file, although callees are inlined.
-    """
-    named = [function.__globals__.get(name) for name in function.__code__.co_names]
-    callees = [one.by_numba for one in named if isinstance(one, Kernel)]
-    files = [callee._cache._cache_file for callee in callees if hasattr(callee, "_cache")]
-    if files:
-        own = compiled._cache._cache_file
-        own._source_stamp = (own._source_stamp, *(file._source_stamp for file in files))
 
 
 ToCells = tuple[float, float, float, float]

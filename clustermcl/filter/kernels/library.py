@@ -44,12 +44,6 @@ class NoKernelsError(ImportError):
         )
 
 
-def entry(name: str) -> Callable[..., Any] | None:
-    """Return a compiled kernel by its name in the library; None: there is none."""
-    found: Callable[..., Any] | None = getattr(library(), name, None)
-    return found
-
-
 @cache
 def library() -> ModuleType | None:
     """Return the library, loaded; None: it is not on disk or damaged.
@@ -106,18 +100,6 @@ def path() -> Path:
     if (own := _FILTER / "__pycache__" / file).exists() or os.access(_FILTER, os.W_OK):
         return own
     return user_folder("kernels") / file
-
-
-def trusted_folder() -> Path:
-    """Return the folder of `path`, where numba's files, which name code to run, are as well.
-
-    Raises:
-        PermissionError: others may have changed it.
-    """
-    folder = path().parent
-    if problem := why_untrusted(folder):
-        raise PermissionError(problem)
-    return folder
 
 
 def shipped_file(processor: str) -> Path:

@@ -2,18 +2,24 @@
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Pose, Poses
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.kernels.compiled import checked, kernel, plain
+from clustermcl.filter.kernels.compiled import kernel, plain
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
 from clustermcl.filter.laser.pyramid import Pyramid
 from clustermcl.filter.laser.ray_casting import JumpField, cast_ray, flat, jump_field
-from clustermcl.filter.laser.sensor_model import Beams, LaserScan, MapArrays, usable_beams
+from clustermcl.filter.laser.sensor_model import (
+    Beams,
+    LaserScan,
+    MapArrays,
+    SensorModel,
+    usable_beams,
+)
 from clustermcl.filter.settings import SensorSettings
 
 _Mixture = tuple[float, float, float, float, float, float, float]
@@ -23,15 +29,10 @@ _NEGLIGIBLE = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class BeamModel:
+class BeamModel(SensorModel):
     """Weighs poses by the lengths of beams; see `SensorModel`."""
 
     beam_work: ClassVar[int] = 100
-
-    grid: Grid
-    pyramid: Pyramid
-    jumps: JumpField
-    settings: SensorSettings
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
@@ -39,17 +40,8 @@ class BeamModel:
         field = LikelihoodField.build(grid, settings)
         return {"jumps": jump_field(grid.cells), **Pyramid.arrays_of(field)}
 
-    @classmethod
-    def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        pyramid = Pyramid.from_arrays(arrays, grid, settings)
-        jumps = checked(arrays["jumps"], np.uint8, (4, *grid.cells.shape))
-        return cls(grid, pyramid, jumps, settings)
-
-    def beams(self, scan: LaserScan) -> Beams:
-        """Choose beams, also those without return: they show that nothing was hit."""
-        return scan.chosen(self._of_laser, self.settings.max_beams)
-
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
+        """Choose beams, also those without return: they show that nothing was hit."""
         longest = min(scan.range_max_m, self.settings.max_range_m)
         ranges = np.minimum(np.asarray(scan.ranges, np.float64), longest)  # NaN stays NaN
         return scan.beams(ranges, usable_beams(ranges, np.inf, max_beams), longest)

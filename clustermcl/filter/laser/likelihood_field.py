@@ -103,13 +103,8 @@ def scan_log_likelihood(
     Each beam's end point is carried into the map and reads the field there. Beams are
     taken as independent, so logarithms add. A hit outside the map is far from everything.
 
-    Args:
-        map_from_robot: (N, 3) poses.
-        hits_in_robot: (B, 2) end points of the beams that returned [m].
-        field: the map.
-
     Returns:
-        (N,) log-likelihood of the scan for each particle, not normalised.
+        (N,) log-likelihood of (B, 2) hits for each of (N, 3) poses, not normalised.
 
     Raises:
         ValueError: no beam returned; a sum over nothing would call all poses equally good. Or

@@ -19,7 +19,13 @@ from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.pyramid import Pyramid
 from clustermcl.filter.laser.ray_casting import FlatJumps, JumpField, cast_ray, flat, jump_field
-from clustermcl.filter.laser.sensor_model import Beams, LaserScan, MapArrays, usable_beams
+from clustermcl.filter.laser.sensor_model import (
+    Beams,
+    LaserScan,
+    MapArrays,
+    SensorModel,
+    usable_beams,
+)
 from clustermcl.filter.resampling import systematic
 from clustermcl.filter.settings import SensorSettings
 
@@ -94,16 +100,12 @@ def _always_meets(
 
 
 @dataclass(frozen=True, eq=False)
-class LikelihoodFieldModel:
+class LikelihoodFieldModel(SensorModel):
     """Weighs poses by how near the beams end to obstacles; see `SensorModel`."""
 
     beam_work: ClassVar[int] = 1
 
-    grid: Grid
     field: LikelihoodField
-    pyramid: Pyramid
-    jumps: JumpField
-    settings: SensorSettings
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
@@ -114,51 +116,42 @@ class LikelihoodFieldModel:
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        """Build the model from the result of `arrays_of`."""
         field = LikelihoodField.from_codes(arrays["codes"], grid, settings)
         pyramid = Pyramid.from_arrays(arrays, grid, settings)
         jumps = checked(arrays["jumps"], np.uint8, (4, *grid.cells.shape))
-        return cls(grid, field, pyramid, jumps, settings)
-
-    def beams(self, scan: LaserScan) -> Beams:
-        """Choose beams that returned; the ends of the others are unknown."""
-        return scan.chosen(self._of_laser, self.settings.max_beams)
+        return cls(grid, settings, pyramid, jumps, field)
 
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
+        """Choose beams that returned; the ends of the others are unknown."""
         longest = min(scan.range_max_m, self.settings.max_range_m)
         ranges = np.asarray(scan.ranges, np.float64)
         return scan.beams(ranges, usable_beams(ranges, longest, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
         return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
 
     def correction(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """Return the log evidence to subtract for occluded beams [nat]; see `SensorModel`."""
-        settings = self.settings
-        taken_back = scan_exponent(beams.count, settings) * settings.occlusion_weight
-        return taken_back * self.mean_occluded(map_from_robot, weights, beams, sharers)
-
-    def mean_occluded(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
-    ) -> float:
-        """Return the mean score of the beams whose ends are occluded, over the particles [nat].
+        """Return a share of the mean score of the beams whose ends are occluded [nat].
 
         The field rewards a beam that ends near an obstacle even if another obstacle is in front of
         it. The mean is estimated from a systematic sample of the particles, minus a tolerance,
         because neither poses nor maps are exact.
         """
-        whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
+        of = self.settings
         # So many that all beams are checked equally often.
-        count = min(stride * ceil(whole / (stride * sharers)), whole)
+        count = of.visibility_beam_stride * ceil(
+            of.visibility_particles / (of.visibility_beam_stride * sharers)
+        )
+        count = min(count, of.visibility_particles)
         if count == 0 or beams.count == 0:
             return 0.0
         chosen = systematic(weights, count, 0.5)
         occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
-        tolerated = self.settings.occlusion_tolerance * beams.count
-        return max(float(np.add.reduce(occluded)) / count - tolerated, 0.0)
+        tolerated = of.occlusion_tolerance * beams.count
+        mean = max(float(np.add.reduce(occluded)) / count - tolerated, 0.0)
+        return scan_exponent(beams.count, of) * of.occlusion_weight * mean
 
     def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) the part of each pose's `log_likelihood` from occluded beams [nat].

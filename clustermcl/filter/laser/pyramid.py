@@ -148,14 +148,8 @@ def _highest_ahead(levels: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
 def sum_steps(steps: Level, offsets: NDArray[np.int64], runs: Runs) -> Sums:
     """Bound the score of a scan with one heading from above, for many tiles.
 
-    Args:
-        steps: the level of the tiles.
-        offsets: (B, 2) rows and columns [cells] from a position to the ends of the beams, rounded
-            down; at most `MOST_BEAMS`.
-        runs: the tiles.
-
-    Returns:
-        The sums of steps over all beams.
+    The (B, 2) offsets are rows and columns [cells] from a position to the ends of the beams,
+    rounded down; at most `MOST_BEAMS`.
     """
     side, rows, cols = steps.shape[0], steps.shape[2], steps.shape[3]
     flat = steps.reshape(-1)
@@ -191,17 +185,7 @@ def sum_steps(steps: Level, offsets: NDArray[np.int64], runs: Runs) -> Sums:
                     low, high = max(0, -left), min(count, cols - left)
                     if 0 <= row + down[k] < rows and low < high:  # beyond the map every step is 0
                         begin = np.uint64(from_tile[k] + tile + low)
-                        _add(flat, begin, sums, np.uint64(starts[run] + low), high - low)
+                        start = np.uint64(starts[run] + low)
+                        for i in range(np.uint64(high - low)):
+                            sums[start + i] += flat[begin + i]
     return sums
-
-
-@kernel
-def _add(
-    flat: NDArray[np.uint8],
-    begin: np.uint64,
-    sums: NDArray[np.uint16],
-    start: np.uint64,
-    count: int,
-) -> None:
-    for i in range(np.uint64(count)):
-        sums[start + i] += flat[begin + i]

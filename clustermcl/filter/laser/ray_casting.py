@@ -29,9 +29,6 @@ def jump_field(cells: Cells) -> JumpField:
     quadrant's rays, and has no occupied cell, so a ray can jump to its border. Squares around the
     cells would need a third more jumps.
 
-    Args:
-        cells: (rows, cols) grid map.
-
     Returns:
         (4, rows, cols) sides of the squares [cells], at most 255, 0 on occupied cells; quadrant
         2 * up + right, where right is dx >= 0 and up is dy >= 0.
@@ -53,15 +50,9 @@ def cast_rays_from_poses(
 ) -> NDArray[np.float64]:
     """Return the distance to the first occupied cell's boundary, for every pose and beam.
 
-    Args:
-        jumps: `jump_field` of the map.
-        grid: the map.
-        map_from_laser: (N, 3) poses of the laser.
-        angles: (B,) directions of the beams in the laser's frame [rad].
-        max_range_m: length at which a ray ends [m].
-
     Returns:
-        (N, B) distances [m]; 0 inside an occupied cell, `max_range_m` where nothing is hit.
+        (N, B) distances [m] for (N, 3) poses of the laser and (B,) directions in its frame [rad]; 0
+        inside an occupied cell, `max_range_m` where nothing is hit.
 
     Raises:
         ValueError: a pose or an angle is not finite, or a length is not positive.
@@ -147,17 +138,11 @@ def flat(jumps: JumpField) -> FlatJumps:
 def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: float) -> float:
     """Follow a ray to the first occupied cell; called by kernels, with all lengths in cells.
 
-    Args:
-        jumps: `flat` of the map's jump field.
-        x: start, columns from the grid's low corner.
-        y: start, rows from the grid's low corner.
-        dx: direction along the columns.
-        dy: direction along the rows.
-        until: length at which the ray ends, in units of (dx, dy).
+    It starts at column x and row y from the grid's low corner, in the direction (dx, dy).
 
     Returns:
-        The length to the boundary of the first occupied cell, in units of (dx, dy); infinite if
-        nothing is hit.
+        The length to the boundary of the first occupied cell, in units of (dx, dy) as `until`;
+        infinite if nothing is hit.
     """
     squares, height, width = jumps
     length = 0.0

@@ -1,19 +1,17 @@
-"""The common parts of sensor models: the beams of a scan, and the protocol of a model.
+"""The common parts of sensor models; `sensor_models.py` finds a model's class by name."""
 
-Each model is a class in a separate file; `sensor_models.py` finds it by name.
-"""
-
-from collections.abc import Callable, Hashable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.kernels.compiled import ToCells, kernel, plain
+from clustermcl.filter.kernels.compiled import ToCells, checked, kernel, plain
 from clustermcl.filter.laser.pyramid import Pyramid
 from clustermcl.filter.laser.ray_casting import JumpField
 from clustermcl.filter.settings import SensorSettings
@@ -62,8 +60,6 @@ class Beams:
     @cached_property
     def hits_in_robot(self) -> Points:
         """(count, 2) ends of the beams of all lasers, in the robot's frame [m]."""
-        if not self.others:
-            return self.own_hits_in_robot
         return np.concatenate([laser.own_hits_in_robot for laser in self.lasers])
 
 
@@ -87,14 +83,6 @@ class LaserScan:
         """(n,) directions of the beams in the laser's frame [rad]."""
         return np.asarray(self.angle_min + self.angle_step * np.arange(len(self.ranges)))
 
-    def chosen(self, choose: "Callable[[LaserScan, int], Beams]", max_beams: int) -> Beams:
-        """Choose the beams to score: of each laser equally many, in all at most `max_beams`."""
-        if not self.others:
-            return choose(self, max_beams)
-        share = max(max_beams // (1 + len(self.others)), 1)
-        others = tuple(choose(other, share) for other in self.others)
-        return replace(choose(self, share), others=others)
-
     def beams(
         self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
     ) -> Beams:
@@ -102,29 +90,22 @@ class LaserScan:
         return Beams(ranges[chosen], self.angles[chosen], self.robot_from_laser, max_range_m)
 
 
-class SensorModel(Hashable, Protocol):
+@dataclass(frozen=True, eq=False)
+class SensorModel(ABC):
     """Weighs poses in one map by scans."""
 
     beam_work: ClassVar[int]
     """Cost of scoring one beam at one pose [table look-ups]."""
 
-    @property
-    def grid(self) -> Grid:
-        """The map."""
-
-    @property
-    def settings(self) -> SensorSettings:
-        """The model's numbers."""
-
-    @property
-    def pyramid(self) -> Pyramid:
-        """Bounds of the likelihood field over squares, for global searches."""
-
-    @property
-    def jumps(self) -> JumpField:
-        """Jump field of the map; see `ray_casting`."""
+    grid: Grid
+    settings: SensorSettings
+    pyramid: Pyramid
+    """Bounds of the likelihood field over squares, for global searches."""
+    jumps: JumpField
+    """Jump field of the map; see `ray_casting`."""
 
     @classmethod
+    @abstractmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
         """Compute arrays from a map; this may take seconds, and the result is cached on disk.
 
@@ -139,13 +120,24 @@ class SensorModel(Hashable, Protocol):
         Raises:
             KeyError, ValueError: an array is missing, or is of another map.
         """
+        jumps = checked(arrays["jumps"], np.uint8, (4, *grid.cells.shape))
+        return cls(grid, settings, Pyramid.from_arrays(arrays, grid, settings), jumps)
 
     def beams(self, scan: LaserScan) -> Beams:
-        """Choose the beams to score: valid ones, thinned evenly."""
+        """Choose the beams to score: of each laser equally many, in all at most `max_beams`."""
+        share = max(self.settings.max_beams // (1 + len(scan.others)), 1)
+        others = tuple(self._of_laser(other, share) for other in scan.others)
+        return replace(self._of_laser(scan, share), others=others)
 
+    @abstractmethod
+    def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
+        """Choose the beams of one laser: valid ones, thinned evenly."""
+
+    @abstractmethod
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""
 
+    @abstractmethod
     def correction(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1, /
     ) -> float:
@@ -153,13 +145,8 @@ class SensorModel(Hashable, Protocol):
 
         The amount includes the factor `scan_exponent`. It corrects what `log_likelihood` ignores
         because it is too expensive for every particle.
-
-        Args:
-            map_from_robot: (N, 3) the cluster's poses after the scan.
-            weights: (N,) their weights, summing to one.
-            beams: beams that weighed the poses.
-            sharers: number of callers that share the work of correcting, as the shards of a
-                search.
+        The (N, 3) poses are those after the scan; their (N,) weights sum to one. `sharers` callers
+        share the work, as the shards of a search.
         """
 
 
@@ -170,13 +157,8 @@ def usable_beams(
 
     Invalid beams are not finite, not positive, or `range_max_m` or longer.
 
-    Args:
-        ranges: (n,) [m].
-        range_max_m: a reading of this range or longer is no return [m].
-        max_beams: largest number of beams.
-
     Returns:
-        (B,) increasing indices into `ranges`; empty if no beam is valid.
+        (B,) increasing indices into the (n,) `ranges` [m]; empty if no beam is valid.
 
     Raises:
         ValueError: `max_beams` is not positive.

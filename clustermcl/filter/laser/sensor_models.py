@@ -4,9 +4,9 @@ from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_model import BeamModel
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.settings import SensorModelName, SensorSettings, user_models
+from clustermcl.filter.settings import SensorSettings, user_models
 
-OWN: dict[SensorModelName, type[SensorModel]] = {
+OWN: dict[str, type[SensorModel]] = {
     "likelihood_field": LikelihoodFieldModel,
     "beam": BeamModel,
 }
@@ -18,8 +18,7 @@ def model_class(name: str) -> type[SensorModel]:
     Raises:
         ValueError: no model has this name, or its code cannot be imported.
     """
-    own = {str(known): kind for known, kind in OWN.items()}
-    return own.get(name) or user_models["sensor_model", name]
+    return OWN.get(name) or user_models["sensor_model", name]
 
 
 def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:

@@ -16,15 +16,13 @@ def move(
     map_from_robot: Poses,
     before_from_after: Pose,
     settings: MotionSettings,
-    rng: np.random.Generator,
+    noise: NDArray[np.float32],
 ) -> Poses:
     """Draw every particle's next pose from p(x_t | u_t, x_{t-1}).
 
-    Args:
-        map_from_robot: (N, 3) poses before the motion.
-        before_from_after: (3,) the motion by odometry, in the frame before it.
-        settings: motion model and noise, as standard deviations per metre and per radian.
-        rng: source of N x 3 normal numbers, drawn also without motion.
+    The (3,) motion is by odometry, in the frame before it. The (3, N) noise is standard normal:
+    along the drive, across the drive and turn (omnidirectional), or first turn, drive and second
+    turn (differential).
 
     Returns:
         (N, 3) new array; headings in [-pi, pi). Without motion there is no noise.
@@ -32,21 +30,6 @@ def move(
     References:
         Probabilistic Robotics (2005), table 5.6 (differential); nav2_amcl's OmniMotionModel
         (omnidirectional). nav2's alphas are variances: our noise is the root of an alpha.
-    """
-    noise = standard_normals(rng, 3, len(map_from_robot))
-    return move_with_noise(map_from_robot, before_from_after, settings, noise)
-
-
-def move_with_noise(
-    map_from_robot: Poses,
-    before_from_after: Pose,
-    settings: MotionSettings,
-    noise: NDArray[np.float32],
-) -> Poses:
-    """Move as `move` does, with given (3, N) standard normal numbers.
-
-    Their rows are along the drive, across the drive and turn (omnidirectional), or first turn,
-    drive and second turn (differential).
     """
     poses = plain(map_from_robot)
     match settings.model:
@@ -113,13 +96,8 @@ def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray
     numbers, so vector instructions compute them, several times as fast as
     `Generator.standard_normal`. No number is beyond 6.8.
 
-    Args:
-        rng: source of ceil(rows * count / 2) words of 64 bits.
-        rows: rows of the result.
-        count: columns of the result.
-
     Returns:
-        (rows, count).
+        (rows, count), of ceil(rows * count / 2) words of 64 bits.
 
     References:
         Box and Muller, "A note on the generation of random normal deviates" (1958).

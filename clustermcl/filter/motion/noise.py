@@ -61,10 +61,6 @@ def motion_covariance(before_from_after: Pose, settings: MotionSettings) -> NDAr
 
     It is V M V^T, with the covariance M of the motion's parts and their Jacobian V.
 
-    Args:
-        before_from_after: (3,) the motion by odometry, in the frame before it.
-        settings: motion model and noise.
-
     Returns:
         (3, 3) covariance of x, y [m] and heading [rad], in the frame before the motion. Exact for
         the omnidirectional model, of first order for the differential one.
@@ -97,14 +93,8 @@ def composed_covariance(
     It is G S G^T + H Q H^T: an error in the heading of b moves c around b (G), and the covariance
     in the frame of b is turned to the frame of a (H).
 
-    Args:
-        a_from_b: (3,) mean.
-        of_a_from_b: (3, 3) covariance of `a_from_b`, in the frame of a.
-        b_from_c: (3,) mean.
-        of_b_from_c: (3, 3) covariance of `b_from_c`, in the frame of b.
-
-    Returns:
-        (3, 3) covariance of x, y [m] and heading [rad], in the frame of a.
+    The (3,) poses are means; each (3, 3) covariance is in the frame of its pose's first letter, as
+    is the result.
 
     References:
         Probabilistic Robotics (2005), table 7.2: G_t Sigma G_t^T + R_t.

@@ -91,20 +91,7 @@ class Trajectory(msgspec.Struct):
         if after_ns == before_ns:
             return end
         share = (stamp_ns - before_ns) / (after_ns - before_ns)
-        known = _bridgeable(before_ns, start, after_ns, end)
-        return _interpolated(start, end, share) if known else None
-
-
-def _interpolated(start: PoseTuple, end: PoseTuple, share: float) -> PoseTuple:
-    """Interpolate between two poses; a share beyond 0 to 1 extrapolates."""
-    x = start[0] + share * (end[0] - start[0])
-    y = start[1] + share * (end[1] - start[1])
-    return x, y, wrap_angle(start[2] + share * wrap_angle(end[2] - start[2]))
-
-
-def _bridgeable(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:
-    """Return whether poses between two can be interpolated: a short gap, or little motion."""
-    if after_ns - before_ns <= _MAX_BLIND_NS:
-        return True
-    moved_m = math.hypot(end[0] - start[0], end[1] - start[1])
-    return moved_m <= _MAX_BLIND_M and abs(wrap_angle(end[2] - start[2])) <= _MAX_BLIND_RAD
+        x, y, turn = end[0] - start[0], end[1] - start[1], wrap_angle(end[2] - start[2])
+        is_slow = math.hypot(x, y) <= _MAX_BLIND_M and abs(turn) <= _MAX_BLIND_RAD
+        between = start[0] + share * x, start[1] + share * y, wrap_angle(start[2] + share * turn)
+        return between if is_slow or after_ns - before_ns <= _MAX_BLIND_NS else None

@@ -64,11 +64,9 @@ class Field(Kind):
     def ratios(self, free: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Return the likelihood ratios of the cells, and that of poses outside of the field.
 
-        Weight that is missing, or in cells without free space, is that of outliers.
-
-        Args:
-            free: (rows, cols) free areas of the cells, relative to that of the map; None: the field
-                is the map, and all of it is free.
+        Weight that is missing, or in cells without free space, is that of outliers. `free` are the
+        (rows, cols) free areas of the cells, relative to that of the map; None: the field is the
+        map, and all of it is free.
 
         Returns:
             (rows x cols + 1,), positive; the last is that outside.

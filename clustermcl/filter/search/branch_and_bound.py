@@ -19,7 +19,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clustermcl.filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
+from clustermcl.filter.arrays import FREE, LogWeights, Points, Pose, Poses
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels.compiled import kernel
 from clustermcl.filter.laser.evidence_model import scan_exponent
@@ -54,14 +54,8 @@ Circle: TypeAlias = tuple[float, float, float]
 class SearchSpace:
     """The leaves of a map, or of a part of it: positions, headings, and which hold a free cell.
 
-    Args:
-        grid: the map.
-        leaf_cells: side of a leaf [cells].
-        heading_step_rad: largest angle between neighbouring headings.
-        shards: number of shards that share the headings.
-        near: the circle to search; None: the whole map.
-        corners: corners of the region to search; empty: the whole map. A circle or region without
-            a free leaf is ignored.
+    The headings, at most `heading_step_rad` apart, are shared by the shards. A circle `near` or a
+    region without a free leaf is ignored.
 
     Raises:
         ValueError: the map has no free cell.
@@ -92,7 +86,9 @@ class SearchSpace:
         for _ in range(LEVELS - 1):
             low, high = self.free[0][::2], self.free[0][1::2]
             self.free.insert(0, low[:, ::2] | high[:, ::2] | low[:, 1::2] | high[:, 1::2])
-        self.runs = _runs(self.free[0])
+        every = np.array([(row, 0, self.free[0].shape[1]) for row in range(len(self.free[0]))])
+        self.runs = _joined_runs(every, self.free[0].reshape(-1))
+        """Runs of adjacent tiles that cover all free tiles; they also cover small gaps."""
         per_shard = math.ceil(math.tau / heading_step_rad / shards)
         self.headings = np.arange(per_shard * shards) * (math.tau / (per_shard * shards)) - math.pi
         self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_m
@@ -146,13 +142,7 @@ class Leaves:
 class BranchAndBoundSearch:
     """The search of one shard; exhaust `slices`, then call `leaves`.
 
-    Args:
-        model: the sensor model, whose pyramid scores leaves.
-        space: the leaves to search.
-        hits_in_robot: (B, 2) ends of the beams that returned [m]; at least one.
-        shard: number of the shard; each of n shards searches every n-th heading.
-        settings: margin and number of poses.
-        rng: resamples leaves.
+    At least one of the (B, 2) beams [m] returned. Each of n shards searches every n-th heading.
     """
 
     def __init__(
@@ -276,17 +266,17 @@ def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
         (rows, cols) whether each leaf holds a free cell, padded to whole tiles of the first level;
         and the number of free cells.
     """
-    return grid.once(("free leaves", leaf), lambda: _free_leaves(grid.cells, leaf))
 
+    def compute() -> tuple[NDArray[np.bool_], int]:
+        # As unsigned numbers, free cells are the smallest: no array of the map's size is needed.
+        least, cells = grid.cells.view(np.uint8), grid.cells
+        for axis, size in enumerate(cells.shape):
+            least = np.minimum.reduceat(least, np.arange(0, size, leaf), axis=axis)
+        whole = 2 ** (LEVELS - 1)
+        free = np.pad(least == FREE, [(0, -size % whole) for size in least.shape])
+        return free, cells.size - int(np.count_nonzero(cells))
 
-def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
-    # As unsigned numbers, free cells are the smallest: no array of the map's size is needed.
-    least = cells.view(np.uint8)
-    for axis, size in enumerate(cells.shape):
-        least = np.minimum.reduceat(least, np.arange(0, size, leaf), axis=axis)
-    whole = 2 ** (LEVELS - 1)
-    free = np.pad(least == FREE, [(0, -size % whole) for size in least.shape])
-    return free, cells.size - int(np.count_nonzero(cells))
+    return grid.once(("free leaves", leaf), compute)
 
 
 def _inside(
@@ -297,12 +287,6 @@ def _inside(
     down = (np.arange(shape[0]) + 0.5) * leaf_m - y
     across = (np.arange(shape[1]) + 0.5) * leaf_m - x
     return np.asarray(down[:, None] ** 2 + across**2 <= near[2] ** 2)
-
-
-def _runs(free: NDArray[np.bool_]) -> Runs:
-    """Return runs of adjacent tiles that cover all free tiles; runs also cover small gaps."""
-    every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
-    return _joined_runs(every, free.reshape(-1))
 
 
 def _parts(runs: Runs, tiles: int) -> list[Runs]:

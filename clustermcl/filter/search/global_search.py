@@ -22,7 +22,7 @@ from clustermcl.filter.kernels.compiled import kernel
 from clustermcl.filter.laser.evidence_model import evidence_weight, residual, scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import log_sum, normalised_weights
-from clustermcl.filter.motion.model import move
+from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.observations.kind import NO_LANDMARKS, Kind, Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
 from clustermcl.filter.poses import between, compose
@@ -154,12 +154,7 @@ class GlobalSearch:
     ) -> Slices[float]:
         """Apply one step, in slices.
 
-        Args:
-            odom_from_before: (3,) odometry at the step before; None: this is the first step.
-            odom_from_after: (3,) odometry now.
-            beams: beams of the scan.
-            rng: source of the random numbers of this step.
-            observed: observations of the step, and the map's landmarks.
+        The (3,) odometry at the step before is None at the first step.
 
         Returns:
             The best pose's log-likelihood per beam, without the exponent [nat/beam]. NaN: the scan
@@ -183,7 +178,8 @@ class GlobalSearch:
             raise ValueError("the odometry of the step before is missing")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
         yield
-        moved = move(kept.poses, motion, self._settings.motion, rng)
+        noise = standard_normals(rng, 3, len(kept.poses))
+        moved = move(kept.poses, motion, self._settings.motion, noise)
         self._kept = replace(kept, poses=moved)
         if beams.count == 0:
             return math.nan

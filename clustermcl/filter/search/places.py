@@ -27,13 +27,6 @@ def cluster_by_source_point(
     A source is near within `radius_m` in the plane *and* within `heading_rad`. Of several near
     sources the nearest counts, with both distances divided by their limits.
 
-    Args:
-        poses: (N, 3).
-        log_weights: (N,); only their order counts.
-        radius_m: reach of a source in x, y [m].
-        heading_rad: reach of a source in heading [rad].
-        max_clusters: largest number of clusters.
-
     Returns:
         (N,) cluster of each particle, numbered in the order of their beginning, or -1 if none is
         near and no more may begin; and the number of clusters.

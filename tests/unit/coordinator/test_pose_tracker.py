@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from clustermcl.belief.dead_reckoning import DeadReckoning
 from clustermcl.belief.pose_tracker import LatencyEstimator, PoseTracker
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.motion.model import move
+from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import MotionSettings
 from clustermcl.protocol.answers import PoseAnswer
@@ -151,7 +151,8 @@ def test_odometry_alone_makes_the_pose_as_uncertain_as_particles_without_scans_b
         turn = np.pi / 8 if 16 <= step < 24 else 0.0
         drive = 0.0 if turn else 0.25
         odometry = compose(before, np.array([drive, 0.0, turn]))
-        particles = move(particles, between(before, odometry), motion, rng)
+        noise = standard_normals(rng, 3, len(particles))
+        particles = move(particles, between(before, odometry), motion, noise)
         x, y, heading = odometry.tolist()
         for now_ns in (0, 1):  # the same once more moves nothing
             tracker.odometry((step + 1) * SECOND + now_ns, (x, y, heading), now_ns=step * SECOND)

@@ -93,14 +93,3 @@ def density(measured: float, expected: float, max_range_m: float, s: SensorSetti
     weights = s.hit_weight, s.short_weight, s.max_weight, s.random_weight
     parts = hit, short, none, 1.0 / max_range_m
     return sum(w * p for w, p in zip(weights, parts, strict=True)) / sum(weights)
-
-
-def composed(pose: Pose, b_from_c: Pose) -> Pose:
-    x, y, heading = pose
-    return np.array(
-        [
-            x + cos(heading) * b_from_c[0] - sin(heading) * b_from_c[1],
-            y + sin(heading) * b_from_c[0] + cos(heading) * b_from_c[1],
-            heading + b_from_c[2],
-        ]
-    )

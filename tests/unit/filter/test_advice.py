@@ -22,7 +22,6 @@ from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.pose_arrays import pose_tuple
-from tests.unit.filter.exhaustive_ways import STEP_M, ExhaustiveSearch
 from tests.unit.filter.rooms import ANGLES, CELL_M, model_of, scan_of
 
 RADIUS_M = 0.2
@@ -77,23 +76,6 @@ def test_the_first_ways_end_where_the_cupboard_is_seen() -> None:
     )
     near, far = sorted(ways[0].sight_ranges_m)
     assert far - near > 0.3
-
-
-@pytest.mark.parametrize(("row", "column"), [(51, 310), (9, 207), (40, 355), (32, 305), (20, 339)])
-def test_the_first_three_ways_are_as_good_as_the_best_by_exhaustive_search(
-    row: int, column: int
-) -> None:
-    """View points are 1 m apart here, and 0.2 m in the search, so the best may be better."""
-    cells = two_flats(cupboard=False)
-    cells[row : row + 15, column : column + 25] = OCCUPIED
-    scores = ExhaustiveSearch(cells, ASKED).scores()
-    assert len(scores) > 200
-
-    def score(way: Way) -> float:
-        return scores[min(scores, key=lambda node: math.dist(STEP_M * np.array(node), way.end))]
-
-    ways = ways_in(cells, ASKED)
-    assert max(map(score, ways[:3])) >= 0.85 * max(scores.values())
 
 
 def test_spots_tell_more_where_the_cupboard_is_seen() -> None:

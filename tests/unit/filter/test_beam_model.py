@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import LogWeights, Poses
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_model import BeamModel, beam_density
-from clustermcl.filter.laser.sensor_model import LaserScan
+from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SensorSettings
 from tests.unit.filter import naive_rays
-from tests.unit.filter.rooms import NO_OFFSET, beam_model_of, plain_room, scan_of
+from tests.unit.filter.rooms import NO_OFFSET, scan_of
 
 SETTINGS = SensorSettings(hit_weight=0.6, short_weight=0.2, max_weight=0.1, random_weight=0.4)
 """Weights count by their shares: they need not sum to one."""
@@ -47,7 +47,7 @@ def test_the_kernel_agrees_with_the_book_line_by_line(seed: int) -> None:
     readings[rng.integers(len(ANGLES), size=3)] = rng.choice([np.inf, 6.0, 81.9], 3)
     naive = [
         naive_rays.beam_log_likelihood(
-            naive_rays.composed(pose, LASER), readings, ANGLES, HALL, CELL_M, MAX_RANGE_M, SETTINGS
+            compose(pose, LASER), readings, ANGLES, HALL, CELL_M, MAX_RANGE_M, SETTINGS
         )
         for pose in poses
     ]
@@ -74,9 +74,3 @@ def test_no_reading_is_impossible() -> None:
 def test_a_scan_without_beams_is_refused() -> None:
     with pytest.raises(ValueError, match="one beam"):
         weigh(np.zeros((1, 3)), np.full(len(ANGLES), np.nan))
-
-
-def test_a_laser_with_a_range_of_half_a_metre_is_scored() -> None:
-    model = beam_model_of(plain_room())
-    beams = model.beams(LaserScan(np.array([0.3, 0.9]), 0.5, 0.0, 1.0, NO_OFFSET))
-    assert np.isfinite(model.log_likelihood(np.array([[1.0, 3.0, 0.3]]), beams)).all()

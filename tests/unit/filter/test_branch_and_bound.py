@@ -8,11 +8,9 @@ from clustermcl.filter.grid import MOST_KEPT, Grid
 from clustermcl.filter.laser.likelihood_field import scan_log_likelihood
 from clustermcl.filter.search import branch_and_bound
 from clustermcl.filter.search.branch_and_bound import (
-    _LARGEST_GAP,
     BranchAndBoundSearch,
     Leaves,
     SearchSpace,
-    _joined_runs,
     free_leaves,
 )
 from clustermcl.filter.settings import SearchSettings
@@ -113,14 +111,6 @@ def test_a_region_limits_the_search_unless_it_has_no_free_leaf() -> None:
     assert np.all((poses[:, 1] >= 2.5) & (poses[:, 1] <= 3.5))
     assert len(leaves) == pytest.approx(25, abs=10)
     assert leaves_in(((90.0, 90.0), (91.0, 91.0))).leaf_count == space_of().leaf_count
-
-
-def test_adjacent_good_tiles_with_small_gaps_are_scored_as_one_run() -> None:
-    good = np.zeros(400, bool)
-    good[[3, 5, 5 + _LARGEST_GAP, 6 + 2 * _LARGEST_GAP, 350, 399]] = True
-    runs = np.array([[7, 10, 380], [8, 0, 20]])
-    expected = [[7, 13, 3 + _LARGEST_GAP], [7, 16 + 2 * _LARGEST_GAP, 1], [7, 360, 1], [8, 19, 1]]
-    assert _joined_runs(runs, good).tolist() == expected
 
 
 def test_each_map_of_many_robots_keeps_its_leaves_until_it_ends() -> None:

@@ -12,12 +12,12 @@ from clustermcl.filter.cluster.cluster_filter import (
     regularised_resample,
     resampled,
 )
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import ClusterSettings, SensorSettings
 from tests.unit.filter.rooms import (
     PERFECT_ODOMETRY,
+    beam_model_of,
     divided_room,
     model_of,
     plain_room,
@@ -98,7 +98,6 @@ def test_occluded_beams_lower_the_evidence() -> None:
         ).log_weight_sum
         for m in (model, blind)
     )
-    assert mean_occluded(cloud, beams, blind) == 0.0, "no particle looks for hidden beams"
     hidden = float(model.occluded(cloud.map_from_robot, beams).mean())
     taken = 0.2 * 0.4 * (hidden - seen.occlusion_tolerance * beams.count)
     assert taken > 0.5
@@ -109,11 +108,13 @@ def test_occlusion_is_averaged_by_weight() -> None:
     model, beams = model_of(divided_room()), seen_from(HERE, plain_room())
     behind = np.array([5.0, 2.0, 0.0])
     poses = np.array([HERE, behind])
-    heavy = model.mean_occluded(poses, np.array([1.0, 0.0]), beams)
-    light = model.mean_occluded(poses, np.array([0.0, 1.0]), beams)
-    assert heavy == pytest.approx(model.mean_occluded(HERE[None], np.ones(1), beams), rel=1e-6)
-    assert light == pytest.approx(model.mean_occluded(behind[None], np.ones(1), beams), rel=1e-6)
+    heavy = model.correction(poses, np.array([1.0, 0.0]), beams)
+    light = model.correction(poses, np.array([0.0, 1.0]), beams)
+    assert heavy == pytest.approx(model.correction(HERE[None], np.ones(1), beams), rel=1e-6)
+    assert light == pytest.approx(model.correction(behind[None], np.ones(1), beams), rel=1e-6)
     assert heavy != pytest.approx(light)
+    beam_model = beam_model_of(divided_room())
+    assert beam_model.correction(HERE[None], np.ones(1), beams) == 0.0, "it follows every ray"
 
 
 def test_the_noise_has_half_of_silvermans_width() -> None:
@@ -144,21 +145,6 @@ def test_the_threshold_is_a_share_of_the_particles() -> None:
 
 def cloud_round(pose: np.ndarray, count: int) -> ParticleSet:
     return ParticleSet.even(pose + np.random.default_rng(0).normal(0.0, 0.05, (count, 3)))
-
-
-def mean_occluded(cloud: ParticleSet, beams: Beams, model: LikelihoodFieldModel) -> float:
-    return model.mean_occluded(cloud.map_from_robot, cloud.weights, beams)
-
-
-def test_carried_weights_count_in_the_evidence() -> None:
-    """Two scans without resampling are worth the average of both likelihoods' product."""
-    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
-    cloud = cloud_round(HERE, 50)
-    first = measurement_update(cloud, beams, model, exponent=0.1)
-    second = measurement_update(first.particles, beams, model, exponent=0.1)
-    evidence = first.log_weight_sum + second.log_weight_sum - 2.0 * math.log(50)
-    both = np.exp(0.2 * model.log_likelihood(cloud.map_from_robot, beams))
-    assert evidence == pytest.approx(math.log(both.mean()))
 
 
 def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
@@ -193,4 +179,5 @@ def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
     truth = np.array([1.0, 0.6, 0.0])
     beams = seen_from(truth, corridor)
     off = ParticleSet.even(np.tile(truth + np.array([0.0, 0.0, 0.02]), (20, 1)))
-    assert mean_occluded(off, beams, model_of(corridor)) == pytest.approx(0.0, abs=0.1)
+    correction = model_of(corridor).correction(off.map_from_robot, off.weights, beams)
+    assert correction == pytest.approx(0.0, abs=0.001)

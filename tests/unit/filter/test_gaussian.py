@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from itertools import pairwise
 
 import numpy as np
@@ -13,17 +11,6 @@ from clustermcl.filter.arrays import Poses
 from clustermcl.filter.cluster.gaussian import fit_gaussian, fit_gaussians
 from clustermcl.filter.poses import heading_distance
 from tests.unit.filter import naive
-
-SUMS = """
-import numpy as np
-from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.log_weights import weights_and_ess
-rng = np.random.default_rng(1)
-poses, log_weights = rng.normal(size=(60_000, 3)), rng.normal(size=60_000)
-mean, covariance = fit_gaussian(poses, np.exp(log_weights))
-size = weights_and_ess(log_weights)[1]
-print([value.hex() for value in (*mean.tolist(), *covariance.ravel().tolist(), size)])
-"""
 
 clouds = arrays(np.float64, (6, 3), elements=st.floats(-1, 1))
 weights = arrays(np.float64, 6, elements=st.floats(0.1, 10))
@@ -57,19 +44,6 @@ def test_one_particle_is_its_own_mean_whatever_lies_behind_it_in_memory() -> Non
 def test_weights_that_sum_to_nothing_are_refused(weight: list[float]) -> None:
     with pytest.raises(ValueError, match="fit no Gaussian"):
         fit_gaussian(np.zeros((2, 3)), np.array(weight))
-
-
-def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() -> None:
-    """Workers have one, programs of others as many as there are cores."""
-    printed = {
-        subprocess.run(
-            [sys.executable, "-I", "-c", SUMS],
-            env={"OPENBLAS_NUM_THREADS": threads},
-            capture_output=True, text=True, check=True, timeout=60,
-        ).stdout
-        for threads in ("1", "4")
-    }  # fmt: skip
-    assert len(printed) == 1
 
 
 def test_the_gaussian_of_a_part_equals_that_of_its_particles_alone() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.sensor_model import ground_log_penalty
-from clustermcl.filter.motion.model import move
+from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.resampling import resample
 from clustermcl.filter.search.places import cluster_by_source_point
 from clustermcl.filter.settings import MotionSettings, SensorSettings
@@ -32,8 +32,8 @@ def results() -> dict[str, NDArray[Any]]:
     return {
         "log_likelihood": log_likelihood,
         "penalty": ground_log_penalty(poses, field.grid, -1.0),
-        "omnidirectional": move(poses, after, MotionSettings(), rng),
-        "differential": move(poses, after, differential, rng),
+        "omnidirectional": move(poses, after, MotionSettings(), standard_normals(rng, 3, 70)),
+        "differential": move(poses, after, differential, standard_normals(rng, 3, 70)),
         "drawn": resample(log_likelihood, 70, rng),
         "beams": beam_model_of(plain_room()).log_likelihood(
             poses[:3], seen_from(np.array([1.0, 3.0, 0.3]), plain_room())

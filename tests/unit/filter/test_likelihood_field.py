@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +9,6 @@ from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.likelihood_field import (
     LikelihoodField,
-    code_scale,
     scan_log_likelihood,
 )
 from clustermcl.filter.poses import compose
@@ -112,11 +109,3 @@ def test_a_field_made_in_strips_is_that_of_the_whole_map() -> None:
     expected = [[naive.log_likelihood_at(d, sensor) for d in row] for row in distance_m[::7]]
     built = LikelihoodField.build(Grid(cells, 0.1, ORIGIN), sensor)
     np.testing.assert_allclose(decoded(built)[::7], expected, atol=tolerance(1, built) + 1e-5)
-
-
-def test_field_codes_begin_at_the_likelihood_of_the_farthest_beam() -> None:
-    near = SensorSettings(max_obstacle_distance_m=2.0 * SENSOR.hit_sigma_m)
-    sigma = near.hit_sigma_m
-    hit = near.hit_weight * math.exp(-2.0) / (math.sqrt(2.0 * math.pi) * sigma)
-    floor, _ = code_scale(near)
-    assert floor == pytest.approx(math.log(near.random_weight / near.max_range_m + hit))

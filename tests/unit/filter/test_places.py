@@ -64,14 +64,6 @@ def test_the_hash_grid_agrees_with_the_naive_search(
     assert count == expected_count
 
 
-def test_points_stay_without_a_cluster_at_the_limit_of_clusters() -> None:
-    poses = np.array([[0.0, 0, 0], [5, 0, 0], [9, 0, 0], [5.1, 0, 0]])
-    labels, count = cluster_by_source_point(poses, np.zeros(4), 1.0, 0.5, 2)
-    assert labels.tolist() == [0, 1, -1, 1]
-    assert labels.dtype == np.int32
-    assert count == 2
-
-
 def test_no_particles_make_no_clusters() -> None:
     labels, count = cluster_by_source_point(np.zeros((0, 3)), np.zeros(0), 1.0, 0.5, 2)
     assert labels.shape == (0,)

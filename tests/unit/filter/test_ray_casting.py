@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.kernels.compiled import checked
 from clustermcl.filter.laser.ray_casting import (
     cast_ray,
     cast_rays_from_poses,
@@ -77,13 +76,6 @@ def test_a_pose_that_is_not_finite_is_refused(pose: list[float]) -> None:
 def test_lengths_that_are_not_positive_are_refused(cell_m: float, max_range_m: float) -> None:
     with pytest.raises(ValueError, match="positive"):
         cast_rays(box(), cell_m, np.zeros(3), np.zeros(1), max_range_m)
-
-
-def test_a_jump_field_that_fits_the_map_is_read_only() -> None:
-    cells = np.zeros((3, 5), np.int8)
-    jumps = checked(jump_field(cells), np.uint8, (4, *cells.shape))
-    with pytest.raises(ValueError, match="read-only"):
-        jumps[0, 0, 0] = 9
 
 
 def test_a_ray_direction_of_minus_zero_is_parallel_to_an_axis() -> None:

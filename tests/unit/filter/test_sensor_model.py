@@ -1,28 +1,41 @@
 from dataclasses import replace
+from math import atan2, hypot
 from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from clustermcl.filter.arrays import Cells, LogWeights, Pose, Poses
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Points, Pose
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.beam_model import BeamModel
 from clustermcl.filter.laser.evidence_model import scan_exponent
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
-from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
+from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
+from clustermcl.filter.laser.likelihood_field_model import (
+    OCCLUSION_MARGIN_M,
+    OCCLUSION_SLACK_RAD,
+    LikelihoodFieldModel,
+)
+from clustermcl.filter.laser.sensor_model import (
+    Beams,
+    LaserScan,
+    SensorModel,
+    ground_log_penalty,
+    usable_beams,
+)
 from clustermcl.filter.laser.sensor_models import computed_model, model_class
-from clustermcl.filter.poses import compose
+from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import SensorModelName, SensorSettings
-from tests.unit.filter.naive_rays import cast_rays
+from tests.unit.filter import naive
+from tests.unit.filter.naive_rays import cast_ray, cast_rays
 from tests.unit.filter.rooms import (
     CELL_M,
     NO_OFFSET,
     beam_model_of,
-    divided_room,
     model_of,
     plain_room,
     scan_of,
-    seen_from,
 )
 
 FEW = SensorSettings(max_range_m=10.0, max_beams=4)
@@ -64,48 +77,11 @@ def test_an_exponent_of_one_counts_every_beam_of_a_scan(beams: int) -> None:
     assert scan_exponent(beams, SensorSettings(scan_likelihood_exponent=1.0)) == 1.0
 
 
-def test_each_model_name_selects_another_class() -> None:
-    assert model_class("likelihood_field") is LikelihoodFieldModel
-    assert model_class("beam") is BeamModel
-    assert len({model_class(name) for name in NAMES}) == len(NAMES)
-
-
 def test_an_unknown_model_name_is_refused() -> None:
     with pytest.raises(ValueError, match="no sensor_model 'third' is installed"):
         model_class("third")
     with pytest.raises(ValueError, match="no sensor_model 'third' is installed"):
         SensorSettings(model="third")
-
-
-def test_the_correction_is_a_share_of_the_score_of_occluded_beams() -> None:
-    """The beam model followed every ray, and has given nothing for such a beam."""
-    room, here = plain_room(), np.array([[1.0, 3.0, 0.3]])
-    given = SensorSettings(scan_likelihood_exponent=0.5, occlusion_weight=0.2)
-    beams, field = seen_from(here[0], room), model_of(divided_room(), given)
-    hidden = field.mean_occluded(here, np.ones(1), beams)
-    assert hidden > 10.0
-    assert field.correction(here, np.ones(1), beams) == pytest.approx(0.1 * hidden)
-    assert beam_model_of(divided_room(), given).correction(here, np.ones(1), beams) == 0.0
-
-
-def test_several_lasers_sharing_particles_weigh_all_beams_equally(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """All particles are equal, so any subset gives the same, unless beams count unevenly."""
-    room, here = plain_room(), np.tile([1.0, 3.0, 0.3], (200, 1))
-    beams, field = seen_from(here[0], room), model_of(divided_room(), SensorSettings())
-    weights, looked_from = np.full(200, 1 / 200), list[int]()
-    whole = LikelihoodFieldModel.occluded
-
-    def counted(model: LikelihoodFieldModel, poses: Poses, seen: Beams) -> LogWeights:
-        looked_from.append(len(poses))
-        return whole(model, poses, seen)
-
-    monkeypatch.setattr(LikelihoodFieldModel, "occluded", counted)
-    reported = [field.correction(here, weights, beams, sharers) for sharers in (1, 4, 7, 100)]
-    assert looked_from == [50, 15, 10, 5]
-    assert reported == pytest.approx([reported[0]] * 4)
-    assert reported[0] > 0.5
 
 
 @every_model
@@ -193,3 +169,99 @@ def test_a_laser_that_sees_nothing_leaves_the_other_as_it_is(name: SensorModelNa
 def test_a_grid_is_read_only() -> None:
     with pytest.raises(ValueError, match="read-only"):
         Grid(plain_room(), CELL_M, NO_OFFSET).cells[0, 0] = 0
+
+
+readings = st.one_of(
+    st.floats(0.01, 9.99), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 10.0, 81.9])
+)
+scans = st.lists(readings, max_size=50).map(np.array)
+
+
+@given(ranges=scans, max_beams=st.integers(1, 60))
+def test_only_valid_beams_are_used_up_to_the_limit(
+    ranges: NDArray[np.float64], max_beams: int
+) -> None:
+    valid = {i for i, r in enumerate(ranges) if 0 < r < 10.0}  # false for NaN
+    chosen = usable_beams(ranges, 10.0, max_beams)
+    assert set(chosen.tolist()) <= valid
+    assert len(chosen) == min(len(valid), max_beams)
+    assert (np.diff(chosen) > 0).all()
+
+
+@given(count=st.integers(1, 400), max_beams=st.integers(1, 400))
+def test_valid_beams_are_thinned_evenly(count: int, max_beams: int) -> None:
+    chosen = usable_beams(np.ones(count), 10.0, max_beams)
+    steps = np.diff(chosen)
+    assert len(steps) == 0 or steps.max() - steps.min() <= 1
+    if count > max_beams:  # the same margin at both ends, up to one beam
+        assert abs(int(chosen[0]) - (count - 1 - int(chosen[-1]))) <= 1
+
+
+@given(angle_min=st.floats(-4, 4), x=st.floats(-1, 1), y=st.floats(-1, 1), turn=st.floats(-4, 4))
+def test_points_are_the_laser_pose_composed_with_the_beam(
+    angle_min: float, x: float, y: float, turn: float
+) -> None:
+    laser, ranges = np.array([x, y, turn]), np.array([0.5, 7.0, 2.0])
+    points = Beams(ranges, angle_min + 0.1 * np.arange(3), laser, np.inf).hits_in_robot
+    for i, point in enumerate(points):
+        beam = np.array([0.0, 0.0, angle_min + 0.1 * i])
+        end = compose(compose(laser, beam), np.array([ranges[i], 0.0, 0.0]))
+        np.testing.assert_allclose(point, end[:2], atol=1e-12)
+
+
+CELLS = np.array([[FREE, OCCUPIED], [UNKNOWN, FREE], [FREE, FREE]], np.int8)
+GRID = Grid(CELLS, 1.0, np.zeros(3))
+
+
+def test_poses_that_are_not_finite_are_penalised() -> None:
+    poses = np.array([[np.nan, 0.5, 0.0], [0.5, np.inf, 0.0], [1e300, -1e300, 0.0]])
+    assert ground_log_penalty(poses, GRID, -2.0).tolist() == [-2.0] * 3
+
+
+@given(seed=st.integers(0, 2**32), turn=st.floats(-4, 4))
+def test_the_kernel_agrees_with_the_naive_loop(seed: int, turn: float) -> None:
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(-1, 2, (7, 9)).astype(np.int8)
+    cells.flags.writeable = False
+    map_from_grid = np.array([*rng.uniform(-3, 3, 2), turn])
+    poses = rng.uniform(-6, 6, (40, 3))
+    np.testing.assert_array_equal(
+        ground_log_penalty(poses, Grid(cells, 0.5, map_from_grid), -1.5),
+        naive.ground_log_penalty(poses, cells, 0.5, map_from_grid, -1.5),
+    )
+
+
+MAP_FROM_GRID = np.array([-4.0, 7.0, 0.7])
+LASER = np.array([0.2, -0.1])
+
+
+def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> float:
+    """Beam by beam: the field's value, if the ray and both neighbours are blocked earlier."""
+    laser, total = compose(pose, np.array([*LASER, 0.0])), 0.0
+    for hit in hits:
+        x, y, _ = compose(pose, np.array([*hit, 0.0])) - laser
+        way_m = hypot(x, y)
+        start = between(field.grid.map_from_grid, np.array([*laser[:2], atan2(y, x)]))
+        met = [
+            cast_ray(cells, CELL_M, start, turn, way_m) < way_m - OCCLUSION_MARGIN_M
+            for turn in (0.0, OCCLUSION_SLACK_RAD, -OCCLUSION_SLACK_RAD)
+        ]
+        if all(met):
+            total += scan_log_likelihood(pose[None], hit[None], field)[0] - field.log_floor
+    return total
+
+
+def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
+    rng, cells = np.random.default_rng(5), plain_room()
+    grid, settings = Grid(cells, CELL_M, MAP_FROM_GRID), SensorSettings(visibility_beam_stride=1)
+    arrays = LikelihoodFieldModel.arrays_of(grid, settings)
+    model = LikelihoodFieldModel.from_arrays(grid, arrays, settings)
+    size_m = CELL_M * np.array(cells.shape)[::-1]
+    inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
+    poses = compose(MAP_FROM_GRID, inside)
+    x, y = rng.uniform(-4.0, 4.0, (60, 2)).T  # some of them beyond the map
+    beams = Beams(np.hypot(x, y), np.arctan2(y, x), np.array([*LASER, 0.0]), 20.0)
+    found = model.occluded(poses, beams)
+    expected = [hidden(pose, beams.hits_in_robot, cells, model.field) for pose in poses]
+    assert max(expected) > 10.0
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -5,9 +5,12 @@ each heading, Bayes' rule as a product. Its error is the size of its cells; halv
 compared logarithm by 0.02.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
+from scipy.stats import t as students_t
 
 from clustermcl.filter.settings import MotionSettings, SensorSettings
 from tests.unit.filter import naive
@@ -103,3 +106,15 @@ class GridFilter:
 
     def _set(self, mass: Array) -> None:
         self.mass = mass / mass.sum()
+
+
+FALSE_ALARMS = 1e-4
+"""Probability of a false failure for new seeds; seeds are fixed, so a test is deterministic."""
+
+
+def assert_is_mean_of(exact: float, values: Sequence[float], grid_error: float) -> None:
+    """Compare the mean of independent values with one that is exact but for its grid's cells."""
+    mean, count = float(np.mean(values)), len(values)
+    error = float(np.std(values, ddof=1)) / count**0.5
+    bound = float(students_t.ppf(1.0 - 0.5 * FALSE_ALARMS, count - 1)) * error + grid_error
+    assert abs(mean - exact) <= bound, f"mean {mean:.4f}, exact {exact:.4f}, bound {bound:.4f}"

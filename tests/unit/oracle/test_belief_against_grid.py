@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from clustermcl.filter.arrays import Cells
-from tests.unit.oracle.grid_filter import Array
-from tests.unit.oracle.statistics import assert_is_mean_of
+from tests.unit.oracle.grid_filter import Array, assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
     DRIVE,
     MIRRORED,
@@ -77,12 +76,8 @@ def exact_log_odds(
 ) -> Array:
     """Bayes' rule over the places, in plain numbers; (K - 1,) log odds against the first.
 
-    Args:
-        logs: (K,) probabilities before the first step, as logarithms; with a hazard the last one
-            is elsewhere.
-        evidence_of: (K, steps) of the grid.
-        hazard: that the robot is lifted elsewhere before a step.
-        missing: by step from 1, the place without a report.
+    With a hazard of being lifted before a step, the last of the (K,) logs is elsewhere. `missing`
+    has, by step from 1, the place without a report.
     """
     here = np.exp(logs) / np.exp(logs).sum()
     here, there = (here[:-1], here[-1]) if hazard > 0.0 else (here, 0.0)

@@ -12,8 +12,7 @@ from clustermcl.jobs.jobs import running
 from clustermcl.protocol.work import Assignment, SearchJob, SearchReport
 from tests.unit.coordinator.reports import literal_bayes
 from tests.unit.filter.naive import matrix
-from tests.unit.oracle.grid_filter import ExactField
-from tests.unit.oracle.statistics import assert_is_mean_of
+from tests.unit.oracle.grid_filter import ExactField, assert_is_mean_of
 from tests.unit.oracle.tiny_world import CELL_M, DRIVE, MOTION, SENSOR, Drive, exact_everywhere
 
 STEPS, SEEDS, START = 4, range(16), np.array([0.75, 0.85, 0.3])

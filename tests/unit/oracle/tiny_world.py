@@ -11,6 +11,7 @@ from clustermcl.belief.outcome import Outcome
 from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import (
     ClusterSettings,
     FilterSettings,
@@ -26,7 +27,7 @@ from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.work import Assignment, ElsewhereJob, TrackReport
 from tests.unit.coordinator.reports import literal_bayes, searched
 from tests.unit.coordinator.reports import scan as scan_of
-from tests.unit.filter.naive_rays import cast_rays, composed
+from tests.unit.filter.naive_rays import cast_rays
 from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
 
 CELL_M = 0.05
@@ -78,7 +79,7 @@ class Drive:
         self.hits = list[NDArray[np.float64]]()
         for step in range(first_step, first_step + steps):
             if step > 0:
-                pose, odom = composed(pose, DRIVE), composed(odom, DRIVE)
+                pose, odom = compose(pose, DRIVE), compose(odom, DRIVE)
             ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0).astype(np.float32)
             self.scans.append(_scan(step, odom, ranges))
             self.hits.append(np.stack([ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)], axis=-1))
@@ -120,12 +121,8 @@ def ensemble_steps(
 ) -> Iterator[tuple[Outcome, dict[str, TrackReport]]]:
     """The product: an `Ensemble` and the jobs that it begins, step by step.
 
-    Args:
-        cells: the map.
-        drive: what the robot measures.
-        places: probability and mean pose of each place that the search is said to have found.
-        given: all settings.
-        missing: by step, the job whose report is lost.
+    Places are probability and mean pose of what the search is said to have found; `missing` has,
+    by step, the job whose report is lost.
     """
     model = computed_model(Grid(cells, CELL_M, np.zeros(3)), given.sensor)
     rng = np.random.default_rng(given.seed + 1000)

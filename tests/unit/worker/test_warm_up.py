@@ -2,7 +2,6 @@ import logging
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -54,7 +53,7 @@ def test_without_a_compiler_one_line_says_what_it_costs(
     with caplog.at_level(logging.WARNING):
         compile_kernels(SensorSettings())
     (line,) = caplog.messages
-    assert line.startswith("no library of kernels can be built, so each process takes 100 MB more")
+    assert line.startswith("no library of kernels can be built")
     assert not list(tmp_path.glob("kernels-*.so"))
 
 
@@ -71,15 +70,16 @@ def test_half_a_library_of_kernels_is_not_loaded(built_before: Path, kept: int) 
 @needs_compiler
 @pytest.mark.parametrize("planted", ["file", "folder"])
 def test_a_library_that_others_may_write_is_neither_loaded_nor_built(
-    built_before: Path, planted: str, tmp_path: Path
+    built_before: Path, planted: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = kernel_library.path()
     shutil.copyfile(built_before, file)
     (file if planted == "file" else tmp_path).chmod(0o777)
     assert kernel_library.library() is None
     assert f"is not loaded: other accounts may write {tmp_path}" in str(remarks)
-    with nullcontext() if planted == "file" else pytest.raises(PermissionError, match="chmod"):
-        assert kernel_library.trusted_folder() == tmp_path, "it is built anew there"
+    if planted == "folder":
+        compile_kernels(SensorSettings())
+        assert "some 20 s more: other accounts may write" in caplog.text
 
 
 def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
