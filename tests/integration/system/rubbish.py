@@ -6,12 +6,15 @@ from contextlib import suppress
 
 import msgpack
 import msgspec
+import numpy as np
 import zenoh
 
 from clustermcl.protocol import keys
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
 from tests.unit.coordinator.reports import tracked
 
 WORKER = "worker-0"
@@ -47,12 +50,38 @@ NO_MESSAGES = {
 }
 
 
+HOUR_NS = 3600 * 10**9
+
+
 def no_messages() -> Iterator[tuple[str, bytes]]:
     """Yield everything of `NO_MESSAGES` for each key that is published or queried."""
     for key in (*PUBLISHED, *SERVED):
         for data in NO_MESSAGES.values():
             if data or key != keys.RELOCALIZE:  # whose query needs none
                 yield key, data
+
+
+def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tuple[str, bytes]]:
+    """Yield impossible readings, each with one wrong number of these: key and bytes."""
+
+    def ranges(values: list[float]) -> ArrayBlob:
+        return ArrayBlob.of(np.array(values), "float32")
+
+    x, y, heading = odometry.odom_from_robot
+    for change in (
+        {"ranges": ranges([NAN] * 3)}, {"ranges": ranges([0.0, -1.0, math.inf])},
+        {"ranges": ranges([])}, {"ranges": ranges([1.0] * 30_000)},
+        {"ranges": ArrayBlob(dtype="float32", shape=(3,), data=b"12")},
+        {"ranges": ArrayBlob(dtype="int8", shape=(2**40, 2**40), data=b"")},
+        {"angle_step_rad": 5.0}, {"angle_min_rad": NAN}, {"range_max_m": -1.0},
+        {"robot_from_laser": (1e300, 0.0, 0.0)}, {"stamp_ns": 2**63 - 1},
+        {"stamp_ns": laser.stamp_ns + HOUR_NS}, {"stamp_ns": laser.stamp_ns - HOUR_NS},
+        {"odom_from_robot": (100.0 + x, y, heading)}, {"odom_from_robot": (NAN, 0.0, 0.0)},
+    ):  # fmt: skip
+        yield keys.LASER_READING, encode(msgspec.structs.replace(laser, **change))
+    for pose in ((x + 100.0, y, heading), (math.inf, 0.0, 0.0), (0.0, 1e9, 0.0)):
+        changed = msgspec.structs.replace(odometry, odom_from_robot=pose)
+        yield keys.ODOMETRY_READING, encode(changed)
 
 
 class ForeignSender:
@@ -77,14 +106,15 @@ class ForeignSender:
                 self._put(key, data)
         *_, scan = self.scans.values()
         report, old = keys.worker_report(WORKER), tracked("c0", scan.step, 1e9, ORIGIN, epoch=0)
-        for key, message in (
+        wrong: list[tuple[str, Message]] = [
             (keys.SCAN, msgspec.structs.replace(scan, map_digest=ANOTHER_MAP, step=scan.step + 1)),
             (keys.SCAN, msgspec.structs.replace(scan, angle_step_rad=NAN)),
             *((keys.SCAN, again) for again in reversed([*self.scans.values()][-4:])),
             (keys.worker_report(NO_NAME), old),
             (report, old),
             (report, msgspec.structs.replace(old, log_likelihood_per_beam=math.inf)),
-        ):
+        ]
+        for key, message in wrong:
             self._put(key, encode(message))
 
     def ask(self) -> None:
