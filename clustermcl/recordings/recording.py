@@ -169,8 +169,6 @@ def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
     Each time is the mean of the latest stamp before it and the earliest stamp after it.
     """
-    if len(stamps) == 0:
-        return stamps
     latest_before = np.maximum.accumulate(stamps)
     earliest_after = np.minimum.accumulate(stamps[::-1])[::-1]
     return np.asarray(earliest_after + (latest_before - earliest_after) // 2, np.int64)

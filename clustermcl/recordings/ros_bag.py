@@ -48,8 +48,6 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
 
 
 class _Sent(NamedTuple):
-    """A transform, and the message that has it."""
-
     number: int
     time_ns: int
     stamp_ns: int

@@ -195,7 +195,6 @@ class Bridge:
             self._changes.save()
 
     def _report_waiting(self) -> None:
-        """Log which readings have not arrived since the start."""
         done = self._node.health.health().done
         for what, key in (("scans", keys.LASER_READING), ("odometry", keys.ODOMETRY_READING)):
             if what not in done and "steps" not in done:  # a scan may have its odometry with it
@@ -370,7 +369,6 @@ class Bridge:
         return to_message(grid_map, node.name)
 
     def _collect(self, belief: Belief) -> None:
-        """Collect changes from the scan of a belief's step."""
         scans = (scan for scan in reversed(self._history) if scan.step == belief.step)
         if self._changes is not None and (scan := next(scans, None)) is not None:
             self._changes.on_step(scan, belief)

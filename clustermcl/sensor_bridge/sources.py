@@ -104,14 +104,12 @@ class Sources:
         return seen.share * seen.largest_log_ratio(self._landmarks, _FIXES)
 
     def health(self) -> tuple[SourceHealth, ...]:
-        """Return the estimated outlier rates of compared sources, of many the highest."""
-        found = [
+        """Return the estimated outlier rates of compared sources, the highest first."""
+        found = (
             SourceHealth(name=source_name(source), outlier_rate=wrong / (wrong + right))
             for source, (wrong, right) in self._rates.items()
-        ]
-        if len(found) > MAX_SOURCES:
-            found = sorted(found, key=lambda source: -source.outlier_rate)[:MAX_SOURCES]
-        return tuple(found)
+        )
+        return tuple(sorted(found, key=lambda source: -source.outlier_rate)[:MAX_SOURCES])
 
     def on_observation(self, step: int, source: Source, seen: Observed) -> None:
         """Store an observation until the belief of its step arrives."""
