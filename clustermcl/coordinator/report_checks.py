@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.validity import assignment_problem
+from clustermcl.protocol.validity import problem_of
 from clustermcl.protocol.work import Report, SearchReport, TrackReport, WorkerState
 
 
@@ -41,4 +41,4 @@ def checked(report: Report, settings: FilterSettings) -> Report:
 
 
 def without_malformed_jobs(state: WorkerState) -> WorkerState:
-    return replace(state, holds=tuple(held for held in state.holds if not assignment_problem(held)))
+    return replace(state, holds=tuple(held for held in state.holds if not problem_of(held)))

@@ -47,6 +47,21 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
             raise _malformed(f"{len(self.data)} bytes do not fill {self.dtype} of {self.shape}")
         return np.frombuffer(self.data, dtype=dtype).reshape(self.shape)
 
+    def checked(self, *shape: int | None, dtype: WireType | None = None) -> NDArray[Any]:
+        """Return the array of finite numbers if it has this shape and type; None: any.
+
+        Raises:
+            MalformedMessageError: it has not; or as `array`.
+        """
+        array = self.array()
+        sides = zip(shape, array.shape, strict=False)
+        fits = len(shape) == array.ndim and all(wanted in (None, side) for wanted, side in sides)
+        if not fits or self.dtype != (dtype or self.dtype):
+            raise _malformed(f"{self.dtype} of {self.shape}, expected {dtype or 'any'} of {shape}")
+        if not np.isfinite(array).all():
+            raise _malformed("a number that is not finite")
+        return array
+
 
 def _malformed(problem: str) -> MalformedMessageError:
     return MalformedMessageError(expected="array", problem=problem, kind="wrong array")

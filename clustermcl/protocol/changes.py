@@ -55,22 +55,16 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
 
     @property
     def problem(self) -> str | None:
-        """Why the arrays are invalid; None: they are valid."""
-        try:
-            cells, times_s = self.cells.array(), self.times_s.array()
-        except MalformedMessageError as error:
-            return error.problem
+        """Why the cells are invalid; None: they are valid, or a `MalformedMessageError`."""
         size = self.rows * self.cols
         if not (self.rows > 0 and self.cols > 0 and size <= MOST_CELLS):
             return f"{self.rows} x {self.cols} cells"
-        is_table = cells.ndim == 2 and cells.shape[1] == 4 and times_s.shape == (len(cells), 2)
-        if not is_table or cells.dtype != np.int32 or times_s.dtype != np.float64:
-            return f"cells are {cells.shape}, times {times_s.shape}"
+        cells = self.cells.checked(None, 4, dtype="int32")
+        self.times_s.checked(len(cells), 2, dtype="float64")
         at, kinds = cells[:, 0], cells[:, 1]
         is_ordered = (np.diff(at) > 0).all() and (at >= 0).all() and (at < size).all()
-        if not (is_ordered and (kinds <= MOVED).all() and (cells >= 0).all()):
-            return "cells outside the grid, in no order, or of no kind"
-        return None if np.isfinite(times_s).all() else "a time that is not finite"
+        is_sound = is_ordered and (kinds <= MOVED).all() and (cells >= 0).all()
+        return None if is_sound else "cells outside the grid, in no order, or of no kind"
 
     def __repr__(self) -> str:
         gone, new, moving = self.area_m2

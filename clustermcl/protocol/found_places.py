@@ -5,13 +5,11 @@ decoding a list of structures than on using the places.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from clustermcl.protocol.arrays import ArrayBlob, WireType
-from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import MAX_POSE_M, Part, PoseTuple
 
 _MAX_SHARE = 1.000001  # shares are sums of rounded weights
@@ -57,34 +55,21 @@ class FoundPlaces(Part, frozen=True, kw_only=True):
 
 
 def found_places_problem(found: FoundPlaces) -> str | None:
-    """Return why these places are invalid, or None; step and odometry are not checked."""
-    try:
-        share, mean = _column(found.share, "float64"), _column(found.mean, "float64", 3)
-        covariance = _column(found.covariance, "float64", 9)
-        count, particles = _column(found.count, "int32"), _column(found.particles, "float32", 3)
-    except MalformedMessageError as error:
-        return error.problem
-    held = {
-        "columns of different lengths": len(share) == len(mean) == len(covariance) == len(count),
-        "a share outside 0 to 1": np.all((share >= 0.0) & (share <= _MAX_SHARE)),
-        "a place out of range": np.all(np.isfinite(mean))
-        and np.all(np.abs(mean[:, :2]) < MAX_POSE_M),
-        "a covariance with a negative variance, or an entry that is not finite": np.all(
-            np.isfinite(covariance)
-        )
-        and np.all(covariance[:, ::4] >= 0.0),
-        "counts that do not match the particles": np.all(count > 0)
-        and count.sum(dtype=np.int64) == len(particles),
-        "a particle whose pose is not finite": np.all(np.isfinite(particles)),
-    }
-    return next((problem for problem, holds in held.items() if not holds), None)
+    """Return why these places are invalid, or None; step and odometry are not checked.
 
-
-def _column(blob: ArrayBlob, dtype: WireType, width: int | None = None) -> NDArray[Any]:
-    """Return the array, of shape (P, width), or (P,) without a width."""
-    array = blob.array()
-    shape = (len(array) if array.ndim else 0, *([] if width is None else [width]))
-    if blob.dtype != dtype or array.shape != shape:
-        problem = f"a column of {blob.dtype} {array.shape}, expected {dtype} {shape}"
-        raise MalformedMessageError(expected="places", problem=problem, kind="wrong array")
-    return array
+    Raises:
+        MalformedMessageError: a column is not an array of finite numbers of its type and shape.
+    """
+    share = found.share.checked(None, dtype="float64")
+    mean = found.mean.checked(len(share), 3, dtype="float64")
+    variances = found.covariance.checked(len(share), 9, dtype="float64")[:, ::4]
+    count = found.count.checked(len(share), dtype="int32")
+    particles = found.particles.checked(None, 3, dtype="float32")
+    if not np.all((share >= 0.0) & (share <= _MAX_SHARE)):
+        return "a share outside 0 to 1"
+    if not np.all(np.abs(mean[:, :2]) < MAX_POSE_M):
+        return "a place out of range"
+    if not np.all(variances >= 0.0):
+        return "a covariance with a negative variance"
+    is_counted = np.all(count > 0) and count.sum(dtype=np.int64) == len(particles)
+    return None if is_counted else "counts that do not match the particles"

@@ -103,16 +103,12 @@ def _field_problem(seen: steps.Observation | steps.Seen, field: steps.PositionFi
     if seen.landmark or len(seen.mean) != 2:
         return "a field with a landmark or a heading"
     try:
-        values = field.log_likelihoods.array()
+        sides = field.log_likelihoods.checked(None, None, dtype="float32").shape
     except MalformedMessageError as error:
         return error.problem
-    sides = values.shape
-    if len(sides) != 2 or not all(0 < side <= steps.MAX_FIELD_SIDE for side in sides):
-        most = steps.MAX_FIELD_SIDE
-        return f"a field of {sides} cells; {most} x {most} are possible"
-    if field.log_likelihoods.dtype != "float32" or not np.isfinite(values).all():
-        return "a field that is not of finite float32"
-    return None
+    most = steps.MAX_FIELD_SIDE
+    is_small = all(0 < side <= most for side in sides)
+    return None if is_small else f"a field of {sides} cells; {most} x {most} are possible"
 
 
 def _seen_problem(seen: steps.Seen, names: Set[str]) -> str | None:

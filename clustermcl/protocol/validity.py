@@ -12,7 +12,6 @@ import numpy as np
 from clustermcl.protocol import work
 from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import MalformedMessageError
@@ -27,14 +26,17 @@ FLATNESS = 1e-6
 
 
 def problem_of(message: object) -> str | None:
-    """Return why a message is implausible, or None."""
-    if isinstance(message, Changes):
-        return message.problem
-    return next(filter(None, _problems(message)), None)
+    """Return why a message, or an assignment of one, is implausible, or None."""
+    try:
+        return next(filter(None, _problems(message)), None)
+    except MalformedMessageError as error:  # of an array
+        return error.problem
 
 
 def _problems(message: object) -> Iterator[str | None]:
     match message:
+        case Changes():
+            yield message.problem
         case Scan():
             yield scan_problem(message)
         case Observation():
@@ -42,7 +44,9 @@ def _problems(message: object) -> Iterator[str | None]:
         case ScanHistory(scans=scans):
             yield from map(scan_problem, scans)
         case work.WorkOrder(begin=begin):
-            yield from map(assignment_problem, begin)
+            yield from map(problem_of, begin)
+        case work.Assignment(job=work.TrackJob(start=start)):
+            yield _particles_problem(start)
         case work.TrackReport(snapshot=snapshot, parts=parts):
             yield _fit_problem(message)
             yield from (_particles_problem(part.sample) for part in parts)
@@ -52,7 +56,9 @@ def _problems(message: object) -> Iterator[str | None]:
             yield _fit_problem(message)
             yield found_places_problem(places)
         case work.ElsewhereReport(seen=seen, places=places):
-            yield None if seen is None else _seen_problem(seen)
+            if seen is not None:
+                ends = seen.checked(None, 2)
+                yield None if len(ends) else "no ends of beams"
             yield None if places is None else found_places_problem(places)
         case work.ReportBatch(reports=reports):
             yield from map(problem_of, reports)
@@ -67,22 +73,6 @@ def _problems(message: object) -> Iterator[str | None]:
 def _fit_problem(report: work.TrackReport | work.SearchReport) -> str | None:
     infinite = math.isinf(report.log_likelihood_per_beam)  # NaN: the scan had no beam to score
     return "log_likelihood_per_beam is infinite" if infinite else None
-
-
-def _seen_problem(seen: ArrayBlob) -> str | None:
-    """Return why the ends of a scan's beams are invalid, or None."""
-    try:
-        ends = seen.array()
-    except MalformedMessageError as error:
-        return error.problem
-    if ends.ndim != 2 or ends.shape[1] != 2 or not len(ends):
-        return f"no ends of beams: {ends.shape}"
-    return None if np.isfinite(ends).all() else "the end of a beam is not finite"
-
-
-def assignment_problem(given: work.Assignment) -> str | None:
-    """Return why the particles of an assignment are invalid, or None."""
-    return _particles_problem(given.job.start) if isinstance(given.job, work.TrackJob) else None
 
 
 def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
@@ -109,15 +99,11 @@ def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
 
 
 def _particles_problem(particles: work.Particles) -> str | None:
-    """Return why the arrays of a particle set are invalid, or None."""
-    try:
-        poses, log_weights = particles.map_from_robot.array(), particles.log_weights.array()
-    except MalformedMessageError as error:
-        return error.problem
-    if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
-        return f"no particle set: poses {poses.shape}, weights {log_weights.shape}"
-    if not np.all(np.isfinite(poses)):
-        return "a particle whose pose is not finite"
+    """Return why a particle set is invalid, or None; or raise a `MalformedMessageError`."""
+    log_weights = particles.log_weights.array()  # -inf is one
+    if log_weights.ndim != 1:
+        return f"weights {log_weights.shape}"
+    particles.map_from_robot.checked(len(log_weights), 3)
     if not (len(log_weights) and math.isfinite(float(np.max(log_weights)))):
         return "particles without weight"  # a NaN makes the maximum NaN
     return None
