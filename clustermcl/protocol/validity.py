@@ -41,10 +41,10 @@ def _problems(message: object) -> Iterator[str | None]:
             yield scan_problem(message)
         case Observation():
             yield observation_problem(message)
-        case ScanHistory(scans=scans):
-            yield from map(scan_problem, scans)
-        case work.WorkOrder(begin=begin):
-            yield from map(problem_of, begin)
+        case (
+            ScanHistory(scans=parts) | work.WorkOrder(begin=parts) | work.ReportBatch(reports=parts)
+        ):
+            yield from map(problem_of, parts)
         case work.Assignment(job=work.TrackJob(start=start)):
             yield _particles_problem(start)
         case work.TrackReport(snapshot=snapshot, parts=parts):
@@ -56,12 +56,9 @@ def _problems(message: object) -> Iterator[str | None]:
             yield _fit_problem(message)
             yield found_places_problem(places)
         case work.ElsewhereReport(seen=seen, places=places):
-            if seen is not None:
-                ends = seen.checked(None, 2)
-                yield None if len(ends) else "no ends of beams"
+            is_empty = seen is not None and not len(seen.checked(None, 2))
+            yield "no ends of beams" if is_empty else None
             yield None if places is None else found_places_problem(places)
-        case work.ReportBatch(reports=reports):
-            yield from map(problem_of, reports)
         case SetPose(pose=pose, covariance=tuple() as covariance):
             yield drawable_problem(pose, covariance)
         case AdviceQuestion(hypotheses=places):

@@ -36,26 +36,16 @@ def test_valid_endpoints_are_accepted(endpoint: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("endpoint", "hint"),
+    "endpoint",
     [
-        ("", "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"),
-        ("127.0.0.1:7447", "write tcp/HOST:PORT, tls"),
-        ("udp/127.0.0.1:7447", "write tcp/HOST:PORT, tls"),
-        ("tcp:/127.0.0.1:7447", "write tcp/HOST:PORT, tls"),
-        ("tcp/127.0.0.1", "write tcp/HOST:PORT"),
-        ("tcp/:7447", "write tcp/HOST:PORT"),
-        ("tcp/::1:7447", "write tcp/HOST:PORT"),
-        ("tcp/host:0", "write tcp/HOST:PORT"),
-        ("tcp/host:65536", "write tcp/HOST:PORT"),
-        ("tls/host:port", "write tls/HOST:PORT"),
-        ("unixsock-stream/relative.sock", "absolute path"),
-        ("unixsock-stream//" + "x" * 107, "at most 107 bytes"),
+        *("", "127.0.0.1:7447", "udp/127.0.0.1:7447", "tcp:/127.0.0.1:7447", "tcp/127.0.0.1"),
+        *("tcp/:7447", "tcp/::1:7447", "tcp/host:0", "tcp/host:65536", "tls/host:port"),
+        *("unixsock-stream/relative.sock", "unixsock-stream//" + "x" * 107),
     ],
 )
-def test_invalid_endpoints_are_refused_with_a_remedy(endpoint: str, hint: str) -> None:
-    with pytest.raises(SettingsError) as caught:
+def test_invalid_endpoints_are_refused(endpoint: str) -> None:
+    with pytest.raises(SettingsError, match=r"zenoh\.router = ") as caught:
         check_endpoint(endpoint)
-    assert hint in str(caught.value)
     assert repr(endpoint) in str(caught.value)
 
 
@@ -80,14 +70,6 @@ def test_a_client_connects_only_to_its_router() -> None:
     assert {key: json.loads(config.get_json(key)) for key in expected} == expected
 
 
-@pytest.mark.parametrize("name", ["", "a*", "/a", "a//b", "a#b", "a?"])
-def test_a_robots_name_that_cannot_be_a_key_is_refused(name: str) -> None:
-    with pytest.raises(SettingsError, match=r"robot\.name = ") as caught:
-        as_zenoh(client_configuration(ZenohSettings(), RobotSettings(name=name)))
-    assert "\n" not in str(caught.value)
-    assert ".rs" not in str(caught.value)
-
-
 def test_the_deployed_router_file_is_the_routers_configuration() -> None:
     ours = as_zenoh(router_configuration(ZenohSettings(router="tcp/0.0.0.0:7447")))
     deployed = zenoh.Config.from_file(str(REPOSITORY / "deploy" / "router.json5"))
@@ -95,13 +77,13 @@ def test_the_deployed_router_file_is_the_routers_configuration() -> None:
 
 
 @pytest.mark.parametrize(
-    ("endpoint", "listened_at"),
+    ("endpoint", "added"),
     [
-        ("tcp/0.0.0.0:1", "tcp/0.0.0.0:1"),
-        ("tls/host:1", "tls/host:1#tls_handshake_timeout_ms=600000"),
-        ("tls/host:1#iface=eth0", "tls/host:1#iface=eth0;tls_handshake_timeout_ms=600000"),
-        ("tls/host:1#tls_handshake_timeout_ms=9", "tls/host:1#tls_handshake_timeout_ms=9"),
+        ("tcp/0.0.0.0:1", ""),
+        ("tls/host:1", "#tls_handshake_timeout_ms=600000"),
+        ("tls/host:1#iface=eth0", ";tls_handshake_timeout_ms=600000"),
+        ("tls/host:1#tls_handshake_timeout_ms=9", ""),
     ],
 )
-def test_a_tls_listener_is_patient_by_default(endpoint: str, listened_at: str) -> None:
-    assert patient(endpoint) == listened_at
+def test_a_tls_listener_is_patient_by_default(endpoint: str, added: str) -> None:
+    assert patient(endpoint) == endpoint + added

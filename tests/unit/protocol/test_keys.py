@@ -20,10 +20,7 @@ def test_a_workers_name_is_read_out_of_its_keys(name: str) -> None:
     assert {keys.worker_name(key) for key in made} == {name}
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["", "a b", "a\n", "\x1b[2J", "a.b", "a*", "$*", "@a", "-a", "a-", "a--b", "ä", "x" * 65],
-)
+@pytest.mark.parametrize("name", ["", "a\n", "a.b", "$*", "@a", "-a", "a--b", "ä", "x" * 65])
 def test_an_invalid_name_in_a_key_is_malformed_and_counted_under_a_fixed_cause(name: str) -> None:
     assert not is_name(name)
     with pytest.raises(MalformedMessageError) as caught:
@@ -32,13 +29,7 @@ def test_an_invalid_name_in_a_key_is_malformed_and_counted_under_a_fixed_cause(n
     assert str(caught.value).isprintable()
 
 
-@pytest.mark.parametrize(
-    "key",
-    [
-        *("", "worker", "worker/w-0", "worker/a/b/report"),
-        *("other/w-0/report", "scan/", "bridge/health", keys.SCAN),
-    ],
-)
+@pytest.mark.parametrize("key", ["", "worker/w-0", "worker/a/b/report", "other/w-0/report"])
 def test_only_a_workers_key_has_a_workers_name(key: str) -> None:
     with pytest.raises(MalformedMessageError, match="worker's key"):
         keys.worker_name(key)

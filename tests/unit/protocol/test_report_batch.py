@@ -17,14 +17,11 @@ WITH_PARTICLES = replace(PLAIN, job_id="c9", snapshot=cloud_at((0.0, 0.0, 0.0), 
 @pytest.mark.parametrize(
     ("reports", "sizes"),
     [
-        pytest.param([], [], id="none"),
-        pytest.param([PLAIN], [1], id="one alone is no batch"),
-        pytest.param([PLAIN, elsewhere(1, -1.0), PLAIN], [3], id="a step of several jobs"),
-        pytest.param([PLAIN, PLAIN, WITH_PARTICLES, PLAIN], [2, 1, 1], id="particles alone"),
-        pytest.param([SEARCHED, SEARCHED], [1, 1], id="searches alone"),
-        pytest.param(
-            [PLAIN] * (2 * work.MAX_BATCH + 1), [work.MAX_BATCH, work.MAX_BATCH, 1], id="many steps"
-        ),
+        ([], []),
+        ([PLAIN, elsewhere(1, -1.0), PLAIN], [3]),
+        ([PLAIN, PLAIN, WITH_PARTICLES, PLAIN], [2, 1, 1]),
+        ([SEARCHED, SEARCHED], [1, 1]),
+        ([PLAIN] * (2 * work.MAX_BATCH + 1), [work.MAX_BATCH, work.MAX_BATCH, 1]),
     ],
 )
 def test_reports_keep_their_order_in_few_messages(
@@ -35,34 +32,20 @@ def test_reports_keep_their_order_in_few_messages(
     assert [report for one in messages for report in work.reports_in(one)] == reports
 
 
-def batch_of(*reports: object) -> bytes:
-    return msgpack.packb({"schema": "report_batch/1", "sender": "w", "reports": reports})
-
-
-def plain(report: work.Report | work.ReportBatch) -> object:
-    return msgpack.unpackb(encode(report))
-
-
 @pytest.mark.parametrize(
-    "data",
+    "reports",
     [
-        pytest.param(batch_of(plain(PLAIN)), id="too few"),
-        pytest.param(batch_of(*[plain(PLAIN)] * (work.MAX_BATCH + 1)), id="too many"),
-        pytest.param(batch_of(plain(PLAIN), plain(SEARCHED)), id="a search"),
-        pytest.param(
-            batch_of(plain(PLAIN), plain(work.ReportBatch(sender="w", reports=(PLAIN, PLAIN)))),
-            id="a batch in a batch",
-        ),
-        pytest.param(
-            batch_of(plain(PLAIN), plain(replace(PLAIN, covariance=(float("nan"),) * 9))),
-            id="not a number",
-        ),
-        pytest.param(
-            batch_of(plain(PLAIN), plain(replace(PLAIN, log_likelihood_per_beam=float("inf")))),
-            id="an infinite likelihood",
-        ),
+        [PLAIN],
+        [PLAIN] * (work.MAX_BATCH + 1),
+        [PLAIN, SEARCHED],
+        [PLAIN, work.ReportBatch(sender="w", reports=(PLAIN, PLAIN))],
+        [PLAIN, replace(PLAIN, covariance=(float("nan"),) * 9)],
+        [PLAIN, replace(PLAIN, log_likelihood_per_beam=float("inf"))],
     ],
+    ids=["too few", "too many", "a search", "a batch in a batch", "not a number", "infinite"],
 )
-def test_an_impossible_batch_is_refused(data: bytes) -> None:
+def test_an_impossible_batch_is_refused(reports: list[work.Report | work.ReportBatch]) -> None:
+    plain = [msgpack.unpackb(encode(report)) for report in reports]
+    data = msgpack.packb({"schema": "report_batch/1", "sender": "w", "reports": plain})
     with pytest.raises(MalformedMessageError):
         decode(data, work.Reported)  # type: ignore[arg-type] # a union

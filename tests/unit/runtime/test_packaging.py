@@ -37,14 +37,6 @@ def asked_for(*extras: str) -> set[str]:
 TESTED = pinned(LOCKS["requirements"])
 
 
-@pytest.mark.parametrize("lock", LOCKS.values(), ids=LOCKS)
-def test_every_package_in_a_lock_has_one_exact_version_and_hashes(lock: str) -> None:
-    packages = pinned(lock)
-    assert len(packages) == lock.count("==") > 0
-    assert all(hashes for _, hashes in packages.values())
-    assert not re.search(r"^ *[^# ].*(http|file:)|^-", lock, re.MULTILINE), "an index or an option"
-
-
 @pytest.mark.parametrize(
     ("name", "extras"),
     [

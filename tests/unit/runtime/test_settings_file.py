@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clustermcl.protocol.errors import ClusterMclError, InputFileError, SettingsError
+from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.settings_table import EVERYDAY, TABLE, SettingInfo, settings_as_toml
@@ -91,15 +91,6 @@ def test_every_setting_can_be_given_on_the_command_line(name: str, data: st.Data
     assert getattr(part, key) == value
 
 
-def test_every_setting_is_written_with_unit_meaning_and_default() -> None:
-    text = " ".join(
-        settings_as_toml(Settings(seed=7)).replace("#   ", "").replace("\n", " ").split()
-    )
-    assert "# Seed of all random numbers; a whole number >= 0; default 0 seed = 7" in text
-    for info in TABLE.values():
-        assert info.meaning in text
-
-
 def test_the_command_line_overrides_the_file_and_later_options_override_earlier_ones(
     tmp_path: Path,
 ) -> None:
@@ -108,40 +99,30 @@ def test_the_command_line_overrides_the_file_and_later_options_override_earlier_
     assert (settings.seed, settings.cluster.particles) == (1, 30)
 
 
-def test_text_settings_need_no_quotes_on_the_command_line() -> None:
-    given = ["robot.name=7", "bridge.map=maps/wean.dat", 'bridge.source="a b"', "log.level=debug"]
-    settings = load_settings(None, given)
-    assert settings.robot.name == "7"
-    assert settings.bridge.map == "maps/wean.dat"
-    assert settings.bridge.source == "a b"
-    assert settings.log.level == "debug"
-
-
-def test_a_second_line_in_a_value_is_no_second_setting() -> None:
-    assert load_settings(None, ["bridge.map='a'\nseed=5"]).bridge.map == "'a'\nseed=5"
+def test_text_settings_need_no_quotes_and_may_have_several_lines() -> None:
+    given = ["robot.name=7", "bridge.map=maps/wean.dat", "bridge.landmarks='a'\nseed=5"]
+    settings = load_settings(None, [*given, 'bridge.source="a b"'])
+    assert (settings.robot.name, settings.seed) == ("7", 0)
+    bridge = settings.bridge
+    assert (bridge.map, bridge.source, bridge.landmarks) == (
+        "maps/wean.dat", "a b", "'a'\nseed=5",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("assignment", "message"),
     [
         ("cluster.partcles=5", "unknown setting cluster.partcles, did you mean cluster.particles?"),
-        ("seeed=5", "unknown setting seeed, did you mean seed?"),
         ("max_clusters=5", "unknown setting max_clusters, did you mean belief.max_clusters?"),
-        ("belief.clusters=5", "setting belief.clusters, did you mean belief.max_clusters?"),
         ("belief.kidnapping_probability=1", "expected a number >= 0 and < 1"),
         ("qqqq=5", "unknown setting qqqq; 'clustermcl settings --all' lists all"),
         ("motion=5", "motion is a section: give motion.KEY"),
         ("cluster.particles=abc", "cluster.particles = 'abc': expected a whole number > 0"),
-        ("cluster.particles=2.5", "cluster.particles = 2.5: expected a whole number > 0"),
-        ("cluster.particles=true", "cluster.particles = True: expected a whole number > 0"),
-        ("cluster.particles=0", "cluster.particles = 0: expected a whole number > 0"),
         ("cluster.particles=1000000000000", "expected a whole number > 0 and <= 1000000"),
         ("sensor.hit_weight=1.5", "hit_weight = 1.5: expected a number > 0 and <= 1"),
         ("sensor.hit_sigma_m=nan", "sensor.hit_sigma_m = nan: expected a number > 0"),
         ("bridge.rate=inf", "bridge.rate = inf: expected a number >= 0"),
-        ("bridge.rate=[1]", "bridge.rate = [1]: expected a number >= 0"),
         ("seed=18446744073709551616", "seed = 18446744073709551616: expected a whole number"),
-        ("zenoh.start_router=1", "zenoh.start_router = 1: expected true or false"),
         ("motion.model=omni", 'motion.model = \'omni\': expected "omnidirectional", "differ'),
         ("bridge.rate", "--set 'bridge.rate': write section.key=value"),
         ("=1", "--set '=1': write section.key=value"),
@@ -155,9 +136,7 @@ def test_a_wrong_assignment_is_named_with_what_was_expected(assignment: str, mes
     ("text", "message"),
     [
         ("[motoin]\nmodel = 1", "unknown setting motoin.model, did you mean motion.model?"),
-        ("[motion]\nmodle = 1", "unknown setting motion.modle, did you mean motion.model?"),
         ("motion = 3", "motion is a section: give motion.KEY"),
-        ("seed = 'x'", "seed = 'x': expected a whole number >= 0"),
         ("[cluster.particles]\nmany = 1", "cluster.particles = {'many': 1}: expected a whole"),
     ],
 )
@@ -165,10 +144,7 @@ def test_a_wrong_setting_in_a_file_is_named_with_the_file(
     text: str, message: str, tmp_path: Path
 ) -> None:
     file = write(tmp_path, text)
-    with pytest.raises(SettingsError) as caught:
-        load_settings(file, [])
-    assert str(caught.value).startswith(f"{file}: ")
-    assert message in str(caught.value)
+    assert complaint(path=file).startswith(f"{file}: {message}")
 
 
 def test_a_file_that_is_not_toml_is_named_with_the_line(tmp_path: Path) -> None:
@@ -176,6 +152,7 @@ def test_a_file_that_is_not_toml_is_named_with_the_line(tmp_path: Path) -> None:
     assert complaint(path=file).startswith(f"{file}:2: not TOML: Expected ']'")
     file.write_bytes(b"seed = 1 # \xff")
     assert complaint(path=file) == f"{file}: not TOML: not UTF-8 text"
+    assert complaint(path=tmp_path / "none.toml").startswith(f"{tmp_path}/none.toml: no such file")
 
 
 @pytest.mark.parametrize("parts", [1_000, 200_000])
@@ -190,11 +167,6 @@ def test_a_key_of_very_many_parts_is_refused_before_it_is_parsed(
         f"{file}: more than 262144 bytes: not a settings file",
     )
     assert time.process_time() - began < 1.0, "a fraction of that"
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputFileError, match=r"none\.toml: no such file"):
-        load_settings(tmp_path / "none.toml", [])
 
 
 @pytest.mark.parametrize("name", ["", "r/7", "r.7", "Büro", '"r\\n"', "x" * 65])
@@ -213,4 +185,3 @@ def test_a_short_file_has_an_operators_settings_and_those_that_were_changed() ->
         for key in (values if isinstance(values, dict) else [""])
     }
     assert names == EVERYDAY | {"belief.evidence_noise"}
-    assert len(EVERYDAY) <= 45
