@@ -48,14 +48,6 @@ def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
     zenoh.Config.from_file(str(DEPLOY / Path(router["command"][-1]).name))
 
 
-def test_containers_have_no_rights_and_without_certificates_no_open_port() -> None:
-    for name, service in services(PLAIN).items():
-        assert service["cap_drop"] == ["ALL"], name
-        assert service["read_only"] is True, name
-        assert service["security_opt"] == ["no-new-privileges:true"], name
-        assert all(port.startswith("127.0.0.1:") for port in service.get("ports", [])), name
-
-
 def secrets_of(name: str) -> set[str]:
     secrets = services(SECURE)[name]["secrets"]
     return {secret if isinstance(secret, str) else secret["source"] for secret in secrets}
@@ -68,33 +60,6 @@ def test_every_container_has_its_own_key_and_no_other() -> None:
         assert keys == [f"{roles.get(name, 'coordinator')}.key"]
     secrets = yaml.load(SECURE.read_text(), Loader=_Compose)["secrets"]
     assert set().union(*map(secrets_of, services(SECURE))) == set(secrets)
-
-
-def test_keys_never_get_into_the_image_or_into_git() -> None:
-    assert "**/*.key" in (DEPLOY / "Containerfile.dockerignore").read_text().split()
-    assert "*.key" in (DEPLOY.parent / ".gitignore").read_text().split()
-
-
-def owned_by(user: str) -> set[str]:
-    """The files that the head of the compose file has its reader give to a user."""
-    ran = re.search(rf"chown {user} (certificates/\S+)", SECURE.read_text())
-    assert ran is not None
-    words = subprocess.run(["bash", "-c", f"echo {ran[1]}"], capture_output=True, check=True)
-    return {Path(word).name for word in words.stdout.decode().split()}
-
-
-def user_of(name: str) -> str:
-    """Whom a container runs as; ours by the image."""
-    image = re.search("^USER (.*)$", (DEPLOY / "Containerfile").read_text(), re.MULTILINE)
-    assert image is not None
-    given = services(SECURE)[name].get("user", services(PLAIN)[name].get("user"))
-    return str(given or ("0:0" if name == "router" else image[1]))  # the official image's is root
-
-
-@pytest.mark.parametrize("name", list(services(SECURE)))
-def test_every_container_runs_as_the_owner_of_its_key(name: str) -> None:
-    keys = {secret for secret in secrets_of(name) if secret.endswith(".key")}
-    assert keys <= owned_by(user_of(name).partition(":")[0])
 
 
 def compose_command() -> list[str]:

@@ -1,7 +1,6 @@
 import json
 import socket
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -33,24 +32,19 @@ def narrow_router(
     return process
 
 
-@pytest.fixture
-def silence() -> Iterator[ExitStack]:
-    with ExitStack() as silence:
-        yield silence
-
-
 def test_a_router_that_accepts_no_client_any_more_exits(
-    narrow_router: RunningProcess, zenoh_settings: ZenohSettings, silence: ExitStack
+    narrow_router: RunningProcess, zenoh_settings: ZenohSettings
 ) -> None:
     narrow_router.wait_for("clients can connect")
+    with ExitStack() as silence:
 
-    def block() -> bool:
-        one = silence.enter_context(socket.socket(socket.AF_UNIX))
-        with suppress(ConnectionRefusedError):  # it has just ended
-            one.connect(zenoh_settings.router.partition("/")[2])
-        return not narrow_router.is_running()
+        def block() -> bool:
+            one = silence.enter_context(socket.socket(socket.AF_UNIX))
+            with suppress(ConnectionRefusedError):  # it has just ended
+                one.connect(zenoh_settings.router.partition("/")[2])
+            return not narrow_router.is_running()
 
-    wait_until(block)
+        wait_until(block)
     assert narrow_router.wait() == 1
     assert "no client can connect" in narrow_router.err
 
@@ -69,10 +63,10 @@ def test_failures_of_the_probe_count_only_after_a_success(
             assert not one.is_locked_up
 
 
-@pytest.mark.parametrize("listens", ["[]", "{ router: [], peer: ['tcp/127.0.0.1:0'] }"])
-def test_a_router_without_endpoints_is_never_reported(listens: str, tmp_path: Path) -> None:
+def test_a_router_without_endpoints_is_never_reported(tmp_path: Path) -> None:
     file = tmp_path / "router.json5"
-    file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {listens} }} }}")
+    endpoints = "{ router: [], peer: ['tcp/127.0.0.1:0'] }"
+    file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {endpoints} }} }}")
     probe = RouterProbe(zenoh.Config.from_file(str(file)), patience_s=0.1)
     for _ in range(2 * MIN_PROBES):
         probe.probe().join()
@@ -85,7 +79,6 @@ def test_a_router_without_endpoints_is_never_reported(listens: str, tmp_path: Pa
         ("tcp/0.0.0.0:7447", "tcp/127.0.0.1:7447"),
         ("tcp/[::]:7447", "tcp/[::1]:7447"),
         ("tcp/10.1.2.3:7447#iface=eth0", "tcp/10.1.2.3:7447"),
-        ("unixsock-stream//tmp/a", "unixsock-stream//tmp/a"),
     ],
 )
 def test_the_probe_connects_where_the_router_listens(listens: str, looks: str) -> None:

@@ -83,16 +83,6 @@ def test_a_client_waits_for_a_router_that_comes_later(
     assert time.monotonic() - started_s < stretched_s(2.0)
 
 
-def test_a_bug_with_the_session_open_does_not_hang_the_exit(
-    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
-) -> None:
-    process = start_process(client_command(router))
-    process.wait_for("subscribed")
-    publish(open_client(), "crash", process)
-    assert process.wait() == 1
-    assert "ZeroDivisionError: crash" in process.err
-
-
 def test_a_session_reconnects_to_its_router_repeats_its_declarations_and_reports_both(
     zenoh_settings: ZenohSettings,
     start_router: Callable[[], RunningProcess],

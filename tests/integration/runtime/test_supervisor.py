@@ -1,5 +1,4 @@
 import json
-import os
 import shutil
 import signal
 import sys
@@ -10,7 +9,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from clustermcl.runtime import supervisor as supervisor_module
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from tests.integration.conftest import StartProcess
@@ -73,14 +71,6 @@ def test_a_child_that_ends_is_started_again(
     assert supervisor.pids() == {}
     wait_until(lambda: supervisor.poll(time.monotonic()) or supervisor.pids())
     assert supervisor.pids()["quick"] != first
-
-
-def test_a_wait_ends_with_a_child(supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(supervisor_module, "_LONGEST_POLL_S", 1e4)
-    supervisor.add(ChildSpec("quick", python("import time; time.sleep(1e4)")))
-    os.kill(supervisor.pids()["quick"], signal.SIGKILL)
-    assert not supervisor.wait(StopFlag())
-    assert poll_until_exit(supervisor).code == -signal.SIGKILL
 
 
 GIVES_SIGNS_AND_STAYS = r"""

@@ -54,10 +54,9 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd
     "command",
     [
         python_module("clustermcl.link.router", "--set", "zenoh.router=unixsock-stream/{folder}/r"),
-        python_module("clustermcl.coordinator", *NOWHERE),
         python_module("clustermcl.worker", "--count", "1", *NOWHERE),
     ],
-    ids=["router", "coordinator", "worker"],
+    ids=["router", "worker"],
 )
 def test_a_process_reports_that_it_is_ready_and_runs_until_it_is_stopped(
     systemd: Systemd, start_process: StartProcess, command: list[str], tmp_path: Path

@@ -57,12 +57,10 @@ def test_a_router_at_a_host_that_its_certificate_does_not_name_is_refused(
     [
         ("tls_ca_certificate", "none.pem", "no such file"),
         ("tls_ca_certificate", "truncated.pem", "not a certificate"),
-        ("tls_certificate", ".", "is a folder"),
         ("tls_certificate", "viewer.key", "there is no certificate in it"),
         ("tls_private_key", "viewer.pem", "there is no private key in it"),
         ("tls_private_key", "operator.key", "do not match: the key belongs to another"),
         ("tls_private_key", "", "is not set, but zenoh.tls_certificate is"),
-        ("tls_certificate", "", "is not set, but zenoh.tls_private_key is"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_its_setting(
@@ -75,8 +73,5 @@ def test_a_file_that_cannot_be_used_is_named_with_its_setting(
     with pytest.raises(SettingsError, match=rf"zenoh\.{name} .*{problem}") as caught:
         client_configuration(settings, RobotSettings())
     assert path in str(caught.value)
-
-
-def test_a_router_at_a_tls_endpoint_needs_a_certificate(viewer: ZenohSettings) -> None:
     with pytest.raises(SettingsError, match="a router there needs a certificate"):
         router_configuration(without_certificate(viewer))
