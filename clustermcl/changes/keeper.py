@@ -8,8 +8,8 @@ from urllib.parse import quote
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.changes import KeptChanges
-from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.conversion import with_checksum, without_checksum
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap

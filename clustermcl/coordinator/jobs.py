@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from clustermcl.belief.part import FEW, Part
 from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.keys import LONGEST_NAME, NAME_PATTERN
 from clustermcl.protocol.message import Id, Number
-from clustermcl.protocol.names import LONGEST_NAME, NAME_PATTERN
 from clustermcl.protocol.work import (
     Assignment,
     ElsewhereJob,

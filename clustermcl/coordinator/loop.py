@@ -28,7 +28,7 @@ from clustermcl.protocol.health import Health
 from clustermcl.protocol.job_events import JobEvents, event_texts
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
-from clustermcl.protocol.terms import check_term
+from clustermcl.protocol.work import check_term
 from clustermcl.recordings.maps.map_message import from_message
 
 ROSTER_TIMEOUT_S = 1.0
@@ -296,7 +296,7 @@ class Loop:
             if isinstance(received, work.OrderAnswer):
                 self._on(events.OrderAnswered(worker, received))
             else:
-                self._node.heap.on_large_message(time.monotonic())
+                self._node.trim_heap_soon()
                 self._on(events.WorkerStateArrived(worker, without_malformed_jobs(received)))
 
         self._node.ask(key, answer, on_answer, timeout_s=ORDER_TIMEOUT_S, message=message)
@@ -313,7 +313,7 @@ class Loop:
             self._is_map_asked = False
             self._on(events.MapArrived(outcome.result()))
 
-        self._node.heap.on_large_message(time.monotonic())
+        self._node.trim_heap_soon()
         if not self._is_map_asked:
             self._is_map_asked = True
             self._node.in_background(unpacked, on_done)

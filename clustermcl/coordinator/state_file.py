@@ -15,11 +15,10 @@ from pathlib import Path
 from urllib.parse import quote
 
 from clustermcl.coordinator.checkpoint import state_in
-from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode, max_bytes
+from clustermcl.protocol.conversion import with_checksum, without_checksum
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.terms import check_term
-from clustermcl.protocol.work import Checkpoint
+from clustermcl.protocol.work import Checkpoint, check_term
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.output_files import opened_to_write, replace_file
 from clustermcl.runtime.threads import disk_thread

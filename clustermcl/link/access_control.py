@@ -11,7 +11,7 @@ from typing import Any
 
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.protocol.names import is_name, name_rule
+from clustermcl.protocol.keys import is_name, name_rule
 
 ALL_ROBOTS = "*"
 WORKER = "worker"

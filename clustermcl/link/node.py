@@ -1,6 +1,7 @@
 """A process's connection to Zenoh: a session, an inbox, and the loop that handles its events."""
 
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -24,7 +25,7 @@ from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import MalformedMessageError, UnreachableError
 from clustermcl.protocol.message import SMALL_BYTES, Message
 from clustermcl.runtime.logs import CauseCounter
-from clustermcl.runtime.memory import HeapTrimmer
+from clustermcl.runtime.memory import SETTLED_S, trim_heap
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 
@@ -106,7 +107,7 @@ class Node:
         self.inbox: Inbox[Any] = Inbox({})
         self._causes = CauseCounter()
         self.health = HealthReporter(name, role, self._causes, self.inbox)
-        self.heap = HeapTrimmer()
+        self._trim_heap_s = math.inf
         self.on_other: Callable[[Any], object] = lambda _event: None
         """Handler of events that other parts of the process put into the inbox."""
         self._settings, self.peers, self._shared = settings, peers, session
@@ -306,8 +307,9 @@ class Node:
         """
         event = self.inbox.get(min(wait_s, REPEAT_S) if self._unanswered else wait_s)
         self.attempt(self._handle, event)
-        if event is None:
-            self.heap.trim_if_due(time.monotonic())
+        if event is None and time.monotonic() >= self._trim_heap_s:
+            self._trim_heap_s = math.inf
+            trim_heap()
         for _ in range(len(self._unanswered)):
             self._unanswered.popleft()()
         if self._ask_why_s is not None and time.monotonic() >= self._ask_why_s:
@@ -318,6 +320,10 @@ class Node:
         if self._health_publisher is not None:
             self.health.publish_if_due(self._health_publisher)
         return event
+
+    def trim_heap_soon(self) -> None:
+        """Trim the heap after a large message, such as those of a take-over, has been freed."""
+        self._trim_heap_s = time.monotonic() + SETTLED_S
 
     def _on_refusal(self, asked: Future[str | None]) -> None:
         if self._ask_why_s is not None and (problem := asked.result()):

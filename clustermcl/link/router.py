@@ -89,10 +89,10 @@ def client_of(router: zenoh.Config, patience_s: float) -> configuration.Configur
         "connect_certificate": tls.get("listen_certificate"),
         "connect_private_key": tls.get("listen_private_key"),
         "enable_mtls": tls.get("enable_mtls"),
-        "verify_name_on_connect": False,
     }
+    own = {name: value for name, value in used.items() if value is not None}
     transport = configuration.transport_configuration()
-    transport["link"]["tls"] = {name: used[name] for name in used if used[name] is not None}
+    transport["link"]["tls"] = {**own, "verify_name_on_connect": False}
     timeout_ms = int(patience_s * 1000)
     return {
         "mode": "client",
@@ -105,15 +105,12 @@ def client_of(router: zenoh.Config, patience_s: float) -> configuration.Configur
 def run_router(invocation: Invocation) -> None:
     """Route until the process is stopped or the router no longer accepts clients."""
     file: Path | None = invocation.arguments.config
-    router = invocation.settings.zenoh.router
+    settings = invocation.settings.zenoh
     if file is None:
-        config, endpoints = (
-            configuration.as_zenoh(configuration.router_configuration(invocation.settings.zenoh)),
-            router,
-        )
+        config = configuration.as_zenoh(configuration.router_configuration(settings))
     else:
         config = _read(file)
-        endpoints = config.get_json("listen/endpoints")
+    endpoints = config.get_json("listen/endpoints") if file else settings.router
     probe = RouterProbe(config, _PATIENCE * LOOK_EVERY_S)
     with listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
@@ -126,13 +123,12 @@ def run_router(invocation: Invocation) -> None:
 
 
 def main() -> None:
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        config = "Zenoh configuration (JSON5), used unchanged"
+        parser.add_argument("--config", type=Path, metavar="FILE", help=config)
+
     about = "Router of one machine."
-    process_main("router", run_router, describe=about, add_arguments=_add_arguments)
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    config = "Zenoh configuration (JSON5), used unchanged"
-    parser.add_argument("--config", type=Path, metavar="FILE", help=config)
+    process_main("router", run_router, describe=about, add_arguments=add_arguments)
 
 
 def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:

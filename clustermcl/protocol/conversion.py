@@ -1,5 +1,6 @@
 """Conversion of plain values to types by msgspec, which only one thread at a time may inspect."""
 
+import hashlib
 from threading import Lock
 from types import ModuleType
 from typing import Any, TypeVar
@@ -35,3 +36,27 @@ def prepare(*kinds: Any) -> None:
             with _preparing:
                 msgspec.msgpack.Decoder(kind)  # noqa: TID251 - the lock is held
                 _prepared.add(kind)
+
+
+class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A file with a checksum of its content, so that a damaged one is detected."""
+
+    sha256: bytes
+    content: bytes = msgspec.field(name="checkpoint")
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Return the content of a file that `without_checksum` reads."""
+    return msgspec.msgpack.encode(_File(sha256=hashlib.sha256(content).digest(), content=content))
+
+
+def without_checksum(data: bytes) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    kept = decoded(data, _File)  # its errors are ValueErrors
+    if hashlib.sha256(kept.content).digest() != kept.sha256:
+        raise ValueError("its checksum is wrong")
+    return kept.content

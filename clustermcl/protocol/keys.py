@@ -4,8 +4,16 @@ The session puts Zenoh's `namespace`, the robot's name, in front of every key. S
 one router never share a key.
 """
 
+import re
+
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.names import is_name, name_rule
+
+LONGEST_NAME = 64
+ROOM_FOR_NUMBER = 8
+"""Characters left for the suffix of child processes, which are called NAME-0, NAME-1 and so on."""
+
+NAME_PATTERN = r"\A[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*\Z"
+"""No wildcard or slash of Zenoh, and no dot: a certificate is called ROLE.ROBOT."""
 
 ODOMETRY_READING = "readings/odometry"
 LASER_READING = "readings/laser"
@@ -71,3 +79,12 @@ def worker_name(key: str) -> str:
             problem = f"{name!r}: not {name_rule()}"
             raise MalformedMessageError(expected="worker name", problem=problem)
     raise MalformedMessageError(expected="worker's key", problem=key)
+
+
+def is_name(text: str, longest: int = LONGEST_NAME) -> bool:
+    """Return whether a text is a valid name of a robot or a process."""
+    return len(text) <= longest and re.search(NAME_PATTERN, text) is not None
+
+
+def name_rule(longest: int = LONGEST_NAME) -> str:
+    return f"letters, digits, _ and single - between them, at most {longest}"

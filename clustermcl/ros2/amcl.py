@@ -30,7 +30,7 @@ from clustermcl.ros2.particles import ClusterParticles
 from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice, on_floor
 from clustermcl.ros2.tf_queue import TfQueue
 from clustermcl.ros2.topics import Topic
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 
 
 class Amcl:

@@ -15,7 +15,7 @@ from clustermcl.recordings.headers import frame_name, time_of
 from clustermcl.recordings.rigid import rigid_of
 from clustermcl.recordings.transforms import TransformMissingError, TransformTree
 from clustermcl.ros2.outputs import NO_ID, SENDER
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
 """Least standard deviations: senders that omit the covariance send zeros."""

@@ -17,7 +17,7 @@ from clustermcl.recordings.headers import frame_name, time_of
 from clustermcl.recordings.rigid import is_upside_down
 from clustermcl.recordings.transforms import TransformTree
 from clustermcl.ros2.outputs import SENDER
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 
 MAX_WAITING = 10
 """Limit for the scans of one laser that wait for tf, as in AMCL."""

@@ -19,7 +19,7 @@ from clustermcl.recordings.transforms import TransformMissingError, TransformTre
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2.initial_pose import pose_in_map
 from clustermcl.ros2.topics import Topic
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 
 MAX_WAITING = 100
 """Limit for the observations of one topic that wait for tf."""

@@ -19,7 +19,7 @@ from clustermcl.filter.poses import compose, inverse, wrap_angle
 from clustermcl.protocol.answers import Belief, Hypothesis
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
-from clustermcl.runtime.ros2_settings import Publish
+from clustermcl.runtime.settings import Publish
 from clustermcl.sensor_bridge.stages import OdometryContinuity
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 1.0, 0.5

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from clustermcl.ros2 import message_types as types
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from clustermcl.filter.kernels.library import NoKernelsError
 from clustermcl.protocol.errors import ClusterMclError, escaped
-from clustermcl.protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
+from clustermcl.protocol.keys import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 from clustermcl.runtime.logs import configure_logging
 from clustermcl.runtime.memory import share_arenas
 from clustermcl.runtime.parent import die_with_parent_if_asked, open_standard_files

@@ -30,21 +30,3 @@ def trim_heap() -> None:
     rest grows with every burst of large messages and looks like a leak.
     """
     _glibc("malloc_trim", 0)
-
-
-class HeapTrimmer:
-    """Trims the heap `SETTLED_S` after the last large message, such as those of a take-over."""
-
-    def __init__(self) -> None:
-        self._due_s: float | None = None
-
-    def on_large_message(self, now_s: float) -> None:
-        self._due_s = now_s + SETTLED_S
-
-    def trim_if_due(self, now_s: float) -> bool:
-        """Trim the heap if it is due; return whether it was trimmed."""
-        if self._due_s is None or now_s < self._due_s:
-            return False
-        self._due_s = None
-        trim_heap()
-        return True

@@ -15,7 +15,7 @@ from typing import Annotated, Literal, get_args, get_origin
 import msgspec
 
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.protocol.names import name_rule
+from clustermcl.protocol.keys import name_rule
 from clustermcl.runtime.settings import Settings
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}

@@ -35,8 +35,14 @@ from clustermcl.protocol.errors import (
     UnreachableError,
 )
 from clustermcl.protocol.steps import MapMessage, Scan, ScanHistory
-from clustermcl.protocol.terms import check_term
-from clustermcl.protocol.work import Checkpoint, Report, TakeOver, WorkOrder, in_few_messages
+from clustermcl.protocol.work import (
+    Checkpoint,
+    Report,
+    TakeOver,
+    WorkOrder,
+    check_term,
+    in_few_messages,
+)
 from clustermcl.recordings.maps.map_message import from_message
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.main import Invocation, process_main
@@ -235,7 +241,7 @@ class WorkerLoop:
 
     def _on_state(self, asked: Asked) -> None:
         self._carry_out(self._worker.on_take_over(asked, _with_term(asked.payload, TakeOver)))
-        self._node.heap.on_large_message(time.monotonic())
+        self._node.trim_heap_soon()
 
     def _on_advice(self, asked: Asked) -> None:
         self._carry_out(self._worker.on_advice_query(asked, decode(asked.payload, AdviceQuestion)))

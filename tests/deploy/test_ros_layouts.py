@@ -10,7 +10,7 @@ import yaml
 
 from clustermcl.ros2.parameter_table import PARAMETERS
 from clustermcl.ros2.topics import SENT, Topics
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 from clustermcl.runtime.version import VERSION
 
 PACKAGE = Path(__file__).parents[2] / "ros" / "clustermcl_ros"

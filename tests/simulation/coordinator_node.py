@@ -12,8 +12,7 @@ from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.terms import check_term
-from clustermcl.protocol.work import Checkpoint, OrderAnswer, WorkerState
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, WorkerState, check_term
 from tests.simulation.laws import Laws, Life
 from tests.simulation.network import Action, Node
 from tests.simulation.world import COORDINATOR, SETTINGS

@@ -13,8 +13,8 @@ from clustermcl.changes.collector import RECORD, ChangeCollector
 from clustermcl.changes.keeper import ChangeKeeper
 from clustermcl.changes.new_map import OtherMapError, joined
 from clustermcl.protocol.changes import GONE, KeptChanges
-from clustermcl.protocol.checksum import with_checksum
 from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.conversion import with_checksum
 from clustermcl.protocol.errors import MalformedMessageError
 from tests.unit.changes.drives import OLD, TRUE, Drive, scan_at
 from tests.unit.evaluation.places import belief, place

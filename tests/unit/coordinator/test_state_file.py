@@ -9,8 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.coordinator.state_file import MAX_FILE_BYTES, StateKeeper, files_of, read, write
-from clustermcl.protocol.terms import MAX_AHEAD_US
-from clustermcl.protocol.work import Checkpoint
+from clustermcl.protocol.work import MAX_AHEAD_US, Checkpoint
 from tests.unit.coordinator.test_coordinator import checkpoint_at
 
 STATE = checkpoint_at((10.0, 5.0, 0.0))

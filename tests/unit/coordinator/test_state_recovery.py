@@ -13,8 +13,8 @@ from clustermcl.coordinator.recovery import (
     Term,
 )
 from clustermcl.coordinator.report_checks import without_malformed_jobs
-from clustermcl.protocol.terms import MAX_RELAYED_AHEAD_US, check_term
 from clustermcl.protocol.work import (
+    MAX_RELAYED_AHEAD_US,
     Assignment,
     Checkpoint,
     ElsewhereJob,
@@ -22,6 +22,7 @@ from clustermcl.protocol.work import (
     TakeOver,
     TrackJob,
     WorkerState,
+    check_term,
 )
 from tests.unit.coordinator.reports import checkpoint, cloud_at, scan
 

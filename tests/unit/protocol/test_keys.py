@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.names import is_name
+from clustermcl.protocol.keys import is_name
 
 
 @given(

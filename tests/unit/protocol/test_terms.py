@@ -2,8 +2,7 @@ import pytest
 
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import Message
-from clustermcl.protocol.terms import MAX_AHEAD_US, check_term
-from clustermcl.protocol.work import Checkpoint, OrderAnswer, TakeOver
+from clustermcl.protocol.work import MAX_AHEAD_US, Checkpoint, OrderAnswer, TakeOver, check_term
 
 NOW_NS = 1_795_000_000_000_000_000
 NOW_US = NOW_NS // 1_000

@@ -16,7 +16,7 @@ from clustermcl.ros2.amcl import Amcl
 from clustermcl.ros2.laser_scans import MAX_WAITING
 from clustermcl.ros2.messages_out import header, pose, pose_stamped, transform
 from clustermcl.ros2.outputs import Output, Publish, Refused
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 from clustermcl.sensor_bridge.step_maker import beams_of
 from tests.ros_messages import decode, link, new
 from tests.unit.coordinator.reports import particles

@@ -13,8 +13,7 @@ from clustermcl.ros2.floor_maps import TIMEOUT_NS, FloorMaps
 from clustermcl.ros2.messages_out import pose_stamped
 from clustermcl.ros2.port import Port
 from clustermcl.ros2.pose_choice import PoseChoice
-from clustermcl.runtime.ros2_settings import Ros2Settings
-from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.settings import BridgeSettings, Ros2Settings, Settings
 from tests.unit.maps.test_building import write_building
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 from tests.unit.ros2.ports import Kept

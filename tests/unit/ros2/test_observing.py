@@ -13,7 +13,7 @@ from clustermcl.ros2.amcl import Amcl
 from clustermcl.ros2.messages_out import header, transform
 from clustermcl.ros2.observing import MAX_WAITING
 from clustermcl.ros2.outputs import Output, Refused
-from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Ros2Settings
 from tests.ros_messages import new
 from tests.unit.ros2.test_amcl import SECOND, Robot, causes, observe
 

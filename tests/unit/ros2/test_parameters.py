@@ -13,8 +13,7 @@ from clustermcl.ros2.parameter_table import LIVE, PARAMETERS
 from clustermcl.ros2.parameters import Parameters
 from clustermcl.ros2.port import EngineStatus
 from clustermcl.ros2.topics import Topics
-from clustermcl.runtime.ros2_settings import Ros2Settings
-from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings import Ros2Settings, Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.settings_table import TABLE
 from tests.unit.ros2.beliefs import belief

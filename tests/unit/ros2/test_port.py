@@ -11,8 +11,7 @@ from clustermcl.ros2 import topics
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.messages_out import pose_stamped, transform
 from clustermcl.ros2.port import SERVICES, EngineStatus, Port
-from clustermcl.runtime.ros2_settings import Ros2Settings
-from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings import Ros2Settings, Settings
 from tests.ros_messages import link, new
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 from tests.unit.ros2.ports import Kept, port

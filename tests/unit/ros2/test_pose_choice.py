@@ -3,7 +3,7 @@ import pytest
 
 from clustermcl.protocol.answers import Belief
 from clustermcl.ros2.pose_choice import PoseChoice, mixture_covariance
-from clustermcl.runtime.ros2_settings import Publish
+from clustermcl.runtime.settings import Publish
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 
 A, B, C = (0.0, 0.0, 0.0), (8.0, 0.0, 3.1), (0.5, 0.2, 0.1)

@@ -2,7 +2,7 @@ import platform
 
 import pytest
 
-from clustermcl.runtime.memory import ARENAS, SETTLED_S, HeapTrimmer
+from clustermcl.runtime.memory import ARENAS
 from tests.unit.programs import ran
 
 if platform.libc_ver()[0] != "glibc":
@@ -47,16 +47,6 @@ def arenas(word: str) -> int:
 
 def test_threads_share_a_few_arenas() -> None:
     assert arenas("shared") <= ARENAS < arenas("by itself")
-
-
-def test_heap_memory_is_returned_once_after_large_messages() -> None:
-    trimmer = HeapTrimmer()
-    assert not trimmer.trim_if_due(100.0)
-    trimmer.on_large_message(100.0)
-    trimmer.on_large_message(101.0)
-    assert not trimmer.trim_if_due(100.0 + SETTLED_S)
-    assert trimmer.trim_if_due(101.0 + SETTLED_S)
-    assert not trimmer.trim_if_due(200.0)
 
 
 def test_free_memory_below_used_memory_is_returned() -> None:
