@@ -38,7 +38,7 @@ UNSCOUTED: Configuration = {"multicast": {"enabled": False}, "gossip": {"enabled
 """Endpoints are explicit: there is nothing to scout for."""
 
 
-def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -> Configuration:
+def client_configuration(settings: ZenohSettings, robot: RobotSettings) -> Configuration:
     """Return the configuration of a client; a robot's name becomes the namespace of all keys.
 
     Raises:
@@ -50,7 +50,7 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -
         transport["link"]["tls"] = {"verify_name_on_connect": True, **_tls(settings, "connect")}
     return {
         "mode": "client",
-        **({"namespace": robot.name} if robot is not None else {}),
+        "namespace": robot.name,
         "connect": {
             "endpoints": [settings.router],
             "timeout_ms": CONNECT_TRY_MS,

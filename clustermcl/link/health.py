@@ -17,7 +17,6 @@ RATE_OVER_S = 10.0
 """Rates are averaged over this time, or since the start [s]."""
 
 _EVERY_S = 1.0
-_STATM = Path("/proc/self/statm")
 
 
 class HealthReporter:
@@ -86,9 +85,5 @@ class HealthReporter:
 
 
 def memory_bytes() -> int:
-    """Return this process's resident memory; 0 where ``/proc`` is not available."""
-    try:
-        pages = int(_STATM.read_text().split()[1])
-    except (OSError, ValueError, IndexError):
-        return 0
-    return pages * os.sysconf("SC_PAGE_SIZE")
+    """Return this process's resident memory."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")

@@ -56,7 +56,7 @@ def receiving_threads(runtime: str) -> Iterator[None]:
 
 def open_session(
     settings: ZenohSettings,
-    robot: RobotSettings | None,
+    robot: RobotSettings,
     stop: StopFlag,
     wait_s: float | None,
 ) -> zenoh.Session:
@@ -67,7 +67,7 @@ def open_session(
     a child forked later cannot open its own.
 
     Args:
-        robot: its name prefixes all keys; None: no prefix.
+        robot: its name prefixes all keys.
         wait_s: time-out for a router [s]; None: no time-out, as for services.
 
     Raises:

@@ -41,7 +41,7 @@ class Health(Message, frozen=True, kw_only=True, tag="health/1"):
     uptime_s: Finite
     """Time since the process started."""
     memory_bytes: int = 0
-    """Resident memory; 0 where the operating system does not report it."""
+    """Resident memory; 0: not reported."""
     done: _Counts = msgspec.field(default_factory=dict)
     """Counts since its start: ``scans``, ``steps``, ``reports`` and so on."""
     rates_per_s: _Values = msgspec.field(default_factory=dict)

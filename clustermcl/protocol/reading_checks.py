@@ -90,11 +90,20 @@ def observation_problem(seen: steps.Observation | steps.Seen) -> str | None:
         return "an observation out of range"
     if seen.field is not None and (problem := _field_problem(seen, seen.field)):
         return problem
-    covariance = np.reshape(seen.covariance, (size, size))
-    largest = float(np.max(np.abs(covariance)))
-    if largest > MAX_POSE_M**2 or not np.allclose(covariance, covariance.T, atol=1e-6 * largest):
+    return covariance_problem(seen.covariance, MIN_VARIANCE, 1e-12)
+
+
+def covariance_problem(covariance: Sequence[float], least: float, share: float) -> str | None:
+    """Return why a matrix, row by row, is not a covariance, or None.
+
+    Its eigenvalues are at least `least`, and this share of its largest entry.
+    """
+    size = math.isqrt(len(covariance))
+    matrix = np.reshape(covariance, (size, size))
+    largest = float(np.max(np.abs(matrix)))
+    if largest > MAX_POSE_M**2 or float(np.max(np.abs(matrix - matrix.T))) > 1e-6 * largest:
         return "a covariance that is too large or not symmetric"
-    if float(np.linalg.eigvalsh(covariance)[0]) < max(MIN_VARIANCE, 1e-12 * largest):
+    if float(np.linalg.eigvalsh(matrix)[0]) < max(least, share * largest):
         return "a covariance that is not positive definite"
     return None
 

@@ -16,9 +16,13 @@ from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.found_places import found_places_problem
-from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
-from clustermcl.protocol.pose_arrays import covariance_matrix
-from clustermcl.protocol.reading_checks import observation_problem, pose_problem, scan_problem
+from clustermcl.protocol.message import Covariance, PoseTuple
+from clustermcl.protocol.reading_checks import (
+    covariance_problem,
+    observation_problem,
+    pose_problem,
+    scan_problem,
+)
 from clustermcl.protocol.steps import Observation, Scan, ScanHistory
 
 FLATNESS = 1e-6
@@ -82,17 +86,8 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
 
 def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     """Return why no particles can be drawn from this Gaussian, or None."""
-    if problem := gaussian_problem(mean, covariance):
-        return problem
-    matrix = covariance_matrix(covariance)
-    largest = float(np.max(np.abs(matrix)))
-    if largest > MAX_POSE_M**2:
-        return f"a variance of {largest}"
-    lopsided = float(np.max(np.abs(matrix - matrix.T)))
-    least = float(np.linalg.eigvalsh(matrix)[0])
-    if lopsided > FLATNESS * largest or least < -FLATNESS * largest:
-        return "a covariance that is not symmetric and positive semi-definite"
-    return None
+    cheap = gaussian_problem(mean, covariance)
+    return cheap or covariance_problem(covariance, -math.inf, -FLATNESS)
 
 
 def _particles_problem(particles: work.Particles) -> str | None:

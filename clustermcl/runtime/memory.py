@@ -1,7 +1,6 @@
 """Returns freed heap memory to the operating system (glibc)."""
 
 import ctypes
-import sys
 
 ARENAS = 2
 _M_ARENA_MAX = -8  # of malloc.h
@@ -10,7 +9,7 @@ SETTLED_S = 5.0
 
 
 def _glibc(function: str, *numbers: int) -> None:
-    if sys.platform == "linux" and (found := getattr(ctypes.CDLL(None), function, None)):
+    if found := getattr(ctypes.CDLL(None), function, None):
         found(*numbers)
 
 

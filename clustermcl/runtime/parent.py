@@ -14,11 +14,9 @@ _PR_SET_PDEATHSIG = 1
 def die_with_parent(parent_pid: int) -> None:
     """Have the kernel send SIGKILL to this process when the thread that started it ends.
 
-    SIGKILL also ends a process that is in compiled code or hangs. Linux only; elsewhere children of
-    a killed parent keep running. If the parent has another id, it has died: this process exits.
+    SIGKILL also ends a process that is in compiled code or hangs. If the parent has another id, it
+    has died: this process exits.
     """
-    if sys.platform != "linux":
-        return
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG) failed")

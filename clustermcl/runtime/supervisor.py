@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
@@ -185,7 +184,7 @@ class _Child:
         self._leaves_until_s = 0.0
         self._listener: Listener | None = None
         self.end: int | None = None
-        """A file that can be read once the process has ended; only Linux has it."""
+        """A file that can be read once the process has ended."""
 
     @property
     def jobs(self) -> int | None:
@@ -201,9 +200,8 @@ class _Child:
             self.process = _executed(self.spec, self._listener.variables())
         else:
             self.process = _forked(self.spec.name, self.spec.fork, self._listener.variables())
-        if hasattr(os, "pidfd_open"):
-            with suppress(OSError):  # an old kernel, or a container that forbids it
-                self.end = os.pidfd_open(self.process.pid)
+        with suppress(OSError):  # an old kernel, or a container that forbids it
+            self.end = os.pidfd_open(self.process.pid)
 
     def polled(self, now_s: float) -> ChildExit | None:
         """Start the process if it is due, kill it if it hangs, and return its exit once."""
@@ -295,9 +293,7 @@ def _run_fork(name: str, work: ForkedWork, variables: dict[str, str], parent_pid
     code = 1
     try:
         die_with_parent(parent_pid)
-        comm = Path("/proc/self/comm")
-        if comm.exists():  # the name that `ps` and `top` show; the kernel keeps 15 bytes
-            comm.write_text(name, "utf-8")
+        Path("/proc/self/comm").write_text(name, "utf-8")  # for `ps` and `top`, which show 15 bytes
         stop = stop_on_signals()
         signs = SignsOfLife(variables)
         stop.on_look = signs.give
@@ -387,8 +383,7 @@ def run_forked(
 
 
 def _check_single_threaded() -> None:
-    tasks = Path("/proc/self/task")
-    threads = sum(1 for _ in tasks.iterdir()) if tasks.is_dir() else threading.active_count()
+    threads = sum(1 for _ in Path("/proc/self/task").iterdir())  # also those of libraries
     if threads > 1:
         raise RuntimeError(
             f"{threads} threads run at the fork: fork before opening a Zenoh session, "
@@ -402,8 +397,6 @@ def work_without_preempting() -> None:
     A scan wakes all workers of a machine at once. With the default policy each interrupts
     another, whose data then leaves the cache. Threads that exist already keep their policy.
     """
-    if not hasattr(os, "SCHED_BATCH"):
-        return  # only Linux has it
     try:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     except OSError as error:

@@ -60,7 +60,7 @@ class SignsOfLife:
 
 
 class Listener:
-    """Receives the signs of life of one child, and detects its hang; Linux only.
+    """Receives the signs of life of one child, and detects its hang.
 
     It hangs without a sign of life for `hung_after_s` after the first one. A paused container stops
     both the process and its observer. So after a gap between two calls of `is_hung`, the silence is

@@ -7,7 +7,6 @@ that robots share no state, and the operating system divides the cores fairly am
 import argparse
 import logging
 import os
-import sys
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
@@ -117,7 +116,7 @@ def run_workers(invocation: Invocation) -> None:
 
     fixed = invocation.arguments.count or settings.worker.count
     # Linux also knows which cores this process may use.
-    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0))
     most = max(SPARE + 1, cores)
     count = ChildCount(fixed, fixed) if fixed else ChildCount(SPARE + 1, most)
     run_forked(count, child, invocation.stop, name=prefix)

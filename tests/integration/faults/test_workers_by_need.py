@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -22,9 +21,6 @@ FOUR_CORES = Path(__file__).parent / "programs" / "workers_on_four_cores.py"
 WIDE, NARROW = 4, 2
 """Workers for four clusters and a look elsewhere, and for one cluster and a look elsewhere."""
 NEAR_M = 0.5
-
-if sys.platform != "linux":
-    pytest.skip("only Linux has the cores of a process", allow_module_level=True)
 
 
 @pytest.fixture

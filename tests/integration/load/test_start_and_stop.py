@@ -14,9 +14,6 @@ import pytest
 from tests.integration.system.commands import typed
 from tests.integration.waiting import wait_until
 
-if sys.platform != "linux":
-    pytest.skip("only Linux ends children with their parent", allow_module_level=True)
-
 SMALL = (
     "bridge.source=sim:cross",
     "worker.count=2",

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 import psutil
-import pytest
 import zenoh
 
 from clustermcl.runtime.settings import ZenohSettings
@@ -15,9 +14,6 @@ from tests.integration.processes import python_script
 from tests.integration.waiting import stretched_s, wait_until
 
 FORKING = Path(__file__).parent / "programs" / "forking.py"
-
-if sys.platform != "linux":
-    pytest.skip("only Linux ends children with their parent", allow_module_level=True)
 
 
 def ask(session: zenoh.Session, index: int, timeout_s: float = 5.0) -> list[str]:

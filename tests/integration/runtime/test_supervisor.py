@@ -17,9 +17,6 @@ from tests.integration.waiting import stretched_s, wait_until
 
 PROGRAMS = Path(__file__).parent / "programs"
 
-if sys.platform != "linux":
-    pytest.skip("only Linux ends children with their parent", allow_module_level=True)
-
 
 @pytest.fixture
 def supervisor() -> Iterator[Supervisor]:

@@ -1,7 +1,6 @@
 import os
 import signal
 import socket
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,9 +16,6 @@ from tests.integration.waiting import PATIENCE_S, wait_until
 
 HANGING = Path(__file__).parent / "programs" / "hanging.py"
 NOWHERE = ("--set", "zenoh.router=tcp/127.0.0.1:9")
-
-if sys.platform != "linux":
-    pytest.skip("systemd is Linux'", allow_module_level=True)
 
 
 class Systemd(socket.socket):

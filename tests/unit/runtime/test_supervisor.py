@@ -29,7 +29,6 @@ def test_there_is_a_child_for_each_job_and_it_ends_only_after_it_was_idle_for_a_
     assert [count.wanted(jobs, 31.0) for jobs in (3, 4, 60)] == [3, 4, 8]
 
 
-@pytest.mark.skipif(not hasattr(os, "SCHED_BATCH"), reason="only Linux has such a policy")
 def test_batch_scheduling_applies_to_the_calling_thread_and_may_be_forbidden(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
