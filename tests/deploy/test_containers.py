@@ -48,20 +48,6 @@ def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
     zenoh.Config.from_file(str(DEPLOY / Path(router["command"][-1]).name))
 
 
-def secrets_of(name: str) -> set[str]:
-    secrets = services(SECURE)[name]["secrets"]
-    return {secret if isinstance(secret, str) else secret["source"] for secret in secrets}
-
-
-def test_every_container_has_its_own_key_and_no_other() -> None:
-    roles = {"router": "router", "bridge": "bridge", "worker": "worker-1"}
-    for name in services(SECURE):
-        keys = [secret for secret in secrets_of(name) if secret.endswith(".key")]
-        assert keys == [f"{roles.get(name, 'coordinator')}.key"]
-    secrets = yaml.load(SECURE.read_text(), Loader=_Compose)["secrets"]
-    assert set().union(*map(secrets_of, services(SECURE))) == set(secrets)
-
-
 def compose_command() -> list[str]:
     """Docker's compose, of the second generation; its first knows another format."""
     for command in (["docker", "compose"], ["docker-compose"]):

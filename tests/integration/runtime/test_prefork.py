@@ -1,7 +1,6 @@
 import os
 import signal
 import sys
-import time
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import zenoh
 from clustermcl.runtime.settings import ZenohSettings
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import python_script
-from tests.integration.waiting import stretched_s, wait_until
+from tests.integration.waiting import wait_until
 
 FORKING = Path(__file__).parent / "programs" / "forking.py"
 
@@ -69,18 +68,6 @@ def test_children_start_with_more_jobs_and_idle_ones_end_later(
         session.get(f"child/{index}", payload="1")
     wait_until(lambda: not ask(session, 2, timeout_s=1.0))
     assert [ask(session, index) for index in (0, 1, 3)] == [first[0], first[1], first[3]]
-
-
-def test_children_that_wait_for_a_router_end_too(
-    zenoh_settings: ZenohSettings, start_process: StartProcess
-) -> None:
-    endpoint = f"zenoh.router={zenoh_settings.router}"
-    process = start_process(python_script(FORKING, "--set", endpoint))
-    process.wait_for("forking-2: waiting for a router")
-    started_s = time.monotonic()
-    process.send_signal(signal.SIGINT)
-    assert process.wait() == 0
-    assert time.monotonic() - started_s < stretched_s(2.0)
 
 
 def test_a_fork_with_other_threads_running_is_refused(start_process: StartProcess) -> None:

@@ -75,6 +75,7 @@ import os, signal, socket, time
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 signs = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
 address = "\0" + os.environ["NOTIFY_SOCKET"][1:]
+print("stays", flush=True)
 while True:
     try:
         signs.sendto(b"WATCHDOG=1", address)
@@ -115,12 +116,12 @@ def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals
     log = tmp_path / "stubborn.log"
     children = [
         ChildSpec("router", router_command(short_folder), log=tmp_path / "router.log"),
-        ChildSpec("stubborn", python_script(PROGRAMS / "stubborn.py"), log=log),
+        ChildSpec("stubborn", python(GIVES_SIGNS_AND_STAYS), log=log),
     ]
     for child in children:
         supervisor.add(child)
     pids = list(supervisor.pids().values())
-    wait_until(lambda: "deaf" in log.read_text())
+    wait_until(lambda: "stays" in log.read_text())
     started_s = time.monotonic()
     supervisor.stop()
     assert time.monotonic() - started_s < stretched_s(2.0)

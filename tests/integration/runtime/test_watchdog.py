@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from clustermcl.runtime.main import EXIT_ERROR
-from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from clustermcl.runtime.supervisor import python_module
 from clustermcl.runtime.watchdog import SignsOfLife
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import python_script
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import PATIENCE_S
 
 HANGING = Path(__file__).parent / "programs" / "hanging.py"
 NOWHERE = ("--set", "zenoh.router=tcp/127.0.0.1:9")
@@ -101,29 +101,3 @@ def test_only_the_named_process_gives_signs_and_no_watchdog_delays_it(
         own.give()
     assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
     SignsOfLife({"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1"}).give()
-
-
-@pytest.fixture
-def supervisor() -> Iterator[Supervisor]:
-    made = Supervisor(hung_after_s=2.0)
-    yield made
-    made.stop()
-
-
-def test_the_supervisor_kills_and_restarts_a_child_that_hangs(supervisor: Supervisor) -> None:
-    ended: list[ChildExit] = []
-
-    def look() -> bool:
-        ended.extend(supervisor.poll(time.monotonic()))
-        return bool(ended)
-
-    supervisor.add(ChildSpec("hanging", python_script(HANGING)))
-    first = supervisor.pids()["hanging"]
-    alive_until_s = time.monotonic() + 3.0
-    wait_until(lambda: look() or time.monotonic() > alive_until_s)
-    assert ended == [], "a child that goes round is left alone"
-    os.kill(first, signal.SIGUSR1)
-    wait_until(look)
-    assert (ended[0].name, ended[0].code) == ("hanging", -signal.SIGKILL)
-    wait_until(lambda: supervisor.poll(time.monotonic()) or supervisor.pids())
-    assert supervisor.pids()["hanging"] != first

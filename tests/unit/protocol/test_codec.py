@@ -7,22 +7,11 @@ import pytest
 
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import Observation, OdometryReading, PositionField
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0, 3.0))
-
-
-def test_a_message_is_a_plain_map_with_a_versioned_schema_field() -> None:
-    plain = msgpack.unpackb(encode(READING))
-    assert plain == {
-        "schema": "odometry_reading/1",
-        "sender": "robot",
-        "stamp_ns": 1,
-        "odom_from_robot": [1.0, 2.0, 3.0],
-    }
 
 
 def test_an_observation_on_the_wire_has_these_fields() -> None:
@@ -44,15 +33,6 @@ def test_an_observation_on_the_wire_has_these_fields() -> None:
 def test_an_unknown_field_of_a_later_release_is_ignored() -> None:
     plain = msgpack.unpackb(encode(READING)) | {"temperature_k": 300.0}
     assert decode(msgpack.packb(plain), OdometryReading) == READING
-
-
-@pytest.mark.parametrize(
-    "change", [{"stamp_ns": "late"}, {"odom_from_robot": [1.0, 2.0]}, {"sender": None}]
-)
-def test_a_decoding_error_names_the_wrong_field(change: dict[str, object]) -> None:
-    plain = msgpack.unpackb(encode(READING)) | change
-    with pytest.raises(MalformedMessageError, match=next(iter(change))):
-        decode(msgpack.packb(plain), OdometryReading)
 
 
 def test_an_array_comes_back_read_only_and_little_endian() -> None:
