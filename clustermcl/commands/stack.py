@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from clustermcl.protocol.errors import ClusterMclError
-from clustermcl.runtime.claims import claimed
+from clustermcl.runtime.folders import claimed
 from clustermcl.runtime.main import EXIT_ERROR
 from clustermcl.runtime.settings import SOCKET_PATH_MAX_BYTES, Settings
 from clustermcl.runtime.settings_table import settings_as_toml

@@ -19,8 +19,7 @@ from clustermcl.link.wire import is_alive
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import AlreadyRunningError
 from clustermcl.protocol.work import Checkpoint
-from clustermcl.runtime.claims import owned
-from clustermcl.runtime.folders import recording_folder, state_folder
+from clustermcl.runtime.folders import owned, recording_folder, state_folder
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.version import VERSION
 

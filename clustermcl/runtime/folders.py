@@ -1,6 +1,11 @@
-"""The folders in which processes keep files across restarts."""
+"""The folders in which processes keep files across restarts, and claims of them."""
 
+import fcntl
 import logging
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -39,3 +44,49 @@ def recording_folder(settings: Settings) -> Path | None:
     if folder in ("", "off"):
         return None
     return kept_folder("state", folder) / quote(settings.robot.name, safe="")
+
+
+@contextmanager
+def claimed(lock: Path) -> Iterator[bool]:
+    """Claim what a lock file stands for; yield whether no other process has claimed it.
+
+    The kernel ends the claim with this process.
+
+    Raises:
+        OSError: the file cannot be opened or created.
+    """
+    number = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    try:
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(number)
+
+
+@contextmanager
+def owned(folder: Path, settings: Settings) -> Iterator[bool]:
+    """Claim a robot's files in a folder; yield False if another robot of this name has them.
+
+    A coordinator that takes over from a frozen one finds its claim, and continues with the files.
+    """
+    owner, other = f"{socket.gethostname()} {settings.zenoh.router}", ""
+    lock = folder / f"{quote(settings.robot.name, safe='')}.lock"
+    with ExitStack() as stack:
+        with suppress(OSError):  # logged when the files are written
+            folder.mkdir(parents=True, exist_ok=True)
+            if stack.enter_context(claimed(lock)):
+                lock.write_text(owner, "utf-8")
+            with lock.open(encoding="utf-8") as file:
+                other = file.read(1_000)
+        is_own = other in ("", owner)
+        if not is_own:
+            _log.warning(
+                "%s is in use by another robot %r (%s): nothing is kept there for this one; set "
+                "robot.name, or another folder",
+                *(folder, settings.robot.name, other),
+            )
+        yield is_own

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.runtime.claims import owned
+from clustermcl.runtime.folders import owned
 from clustermcl.runtime.settings import Settings, ZenohSettings
 
 SETTINGS = Settings()
