@@ -6,11 +6,7 @@ import re
 import subprocess
 import sys
 import zlib
-from contextlib import ExitStack
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import pytest
@@ -20,10 +16,8 @@ import clustermcl
 from clustermcl.protocol import answers, health, job_events, steps, work
 from clustermcl.protocol.message import Message
 from clustermcl.runtime.settings_table import TABLE
-from tests.integration.view.conftest import started_browser
-from tests.integration.view.page import Page, problems
 
-pytestmark = pytest.mark.timeout(300)  # the site and the browser take 10 s of a core each
+pytestmark = pytest.mark.timeout(300)  # the site takes 10 s of a core
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -112,29 +106,3 @@ def test_the_notebook_runs_and_is_shown_with_its_pictures(site: Path) -> None:
     assert list(map(said, executed.cells)) == list(map(said, kept.cells)), "run docs/notebook.py"
     page = (site / "tutorials/notebook/index.html").read_text()
     assert page.count('src="../notebook-') == 3
-
-
-@pytest.mark.browser
-@pytest.mark.parametrize(
-    ("screen", "scheme"), [("1300x800", ""), ("1300x800", "dark"), ("360x800", "")]
-)
-def test_axe_finds_nothing_serious_on_the_site(site: Path, scheme: str, screen: str) -> None:
-    """Also that no page is wider than its window: tables scroll by themselves."""
-    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
-    with ExitStack() as ended, ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        driver = started_browser()
-        ended.callback(driver.quit)
-        Thread(target=server.serve_forever, daemon=True).start()
-        ended.callback(server.shutdown)
-        page = Page(driver, f"http://127.0.0.1:{server.server_port}/")
-        with page.on_screen(screen, scheme):
-            driver.get("about:blank")  # the page just opened may store its mode until it is left
-            stored = {"origin": page.link.rstrip("/"), "storageTypes": "local_storage"}
-            driver.execute_cdp_cmd("Storage.clearDataForOrigin", stored)
-            for name in ("", "reference/library/", "tutorials/notebook/"):
-                driver.get(f"{page.link}{name}")
-                assert page.run("return document.body.dataset.mdColorScheme") == (
-                    "slate" if scheme else "default"
-                )
-                assert problems(page, serious=True) == [], name
-                assert not page.run("return document.documentElement.scrollWidth > innerWidth")

@@ -15,18 +15,6 @@ def until_stopped(stop: StopFlag) -> None:
     stop.check()
 
 
-def test_all_parts_end_when_the_process_is_stopped() -> None:
-    stop, turns = StopFlag(), list[int]()
-
-    def on_turn() -> None:
-        turns.append(1)
-        if len(turns) == 3:
-            stop.set()
-
-    run_in_threads([until_stopped, until_stopped], stop, on_turn)
-    assert threading.active_count() == 1
-
-
 def test_the_error_of_a_part_ends_the_others_and_is_raised() -> None:
     def failing(_stop: StopFlag) -> None:
         raise ValueError("no map")
