@@ -26,9 +26,10 @@ from clustermcl.coordinator.step_collector import ReadyStep, StepCollector
 from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, filter_with, section_with
-from clustermcl.protocol.answers import AS_STARTED, LiveSettings, Relocalize, SetPose
+from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import EndedCause
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import Scan, mirrored
 from clustermcl.protocol.work import Checkpoint, Place, Report, TrackJob
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings

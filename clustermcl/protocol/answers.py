@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from clustermcl.protocol import keys
 from clustermcl.protocol.health import Health
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import (
     LIST_BYTES,
     MAX_ID_CHARACTERS,
@@ -40,36 +41,6 @@ MAX_FLOORS, MAX_FLOOR_CHARACTERS = 64, 64
 FloorName: TypeAlias = Annotated[str, Meta(max_length=MAX_FLOOR_CHARACTERS)]
 FloorProbabilities: TypeAlias = Annotated[dict[FloorName, float], Meta(max_length=MAX_FLOORS)]
 Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e4)]
-
-
-_NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)] | None
-_Positive: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e9)] | None
-_Share: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)] | None
-
-
-class LiveSettings(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Settings that change while the system runs; None: the value at the start of the processes.
-
-    Every scan carries them, so that all workers weigh a step with the same values, also after
-    another coordinator takes over.
-    """
-
-    gate_distance_m: _NotNegative = None
-    gate_turn_rad: _NotNegative = None
-    turn_noise_per_turn: _NotNegative = None
-    turn_noise_per_metre: _NotNegative = None
-    drive_noise_per_metre: _NotNegative = None
-    drive_noise_per_turn: _NotNegative = None
-    strafe_noise_per_metre: _NotNegative = None
-    max_beams: Annotated[int, Meta(gt=0, le=65_536)] | None = None
-    hit_sigma_m: _Positive = None
-    hit_weight: _Share = None
-    random_weight: _Share = None
-    short_weight: _NotNegative = None
-    max_weight: _NotNegative = None
-
-
-AS_STARTED = LiveSettings()
 
 
 class HasPose:

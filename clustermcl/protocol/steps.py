@@ -5,10 +5,11 @@ from typing import Annotated, ClassVar, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from clustermcl.protocol.answers import AS_STARTED, MAX_FLOORS, FloorName, LiveSettings
+from clustermcl.protocol.answers import MAX_FLOORS, FloorName
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import Remark
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import (
     LARGEST_BYTES,
     MAX_ID_CHARACTERS,

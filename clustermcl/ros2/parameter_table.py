@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeAlias
 
-from clustermcl.protocol.answers import LiveSettings
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_table import value_of
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import msgspec
 
 from clustermcl.filter.settings import section_with
-from clustermcl.protocol.answers import AS_STARTED, LiveSettings
 from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.ros2.parameter_table import LIVE_SECTIONS, PARAMETERS, Value
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting

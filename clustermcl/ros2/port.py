@@ -8,18 +8,11 @@ from typing import Any, Protocol
 from msgspec.structs import replace
 
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import (
-    AS_STARTED,
-    Belief,
-    Configure,
-    Freshness,
-    LiveSettings,
-    Relocalize,
-    Update,
-)
+from clustermcl.protocol.answers import Belief, Configure, Freshness, Relocalize, Update
 from clustermcl.protocol.answers import State as Found
 from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.changes import Changes
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Particles
 from clustermcl.recordings.maps.building import floor_files

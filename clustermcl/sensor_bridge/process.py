@@ -19,17 +19,10 @@ from clustermcl.filter.settings import SensorSettings
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Received, Token, ask, is_alive
 from clustermcl.protocol import errors, keys, steps
-from clustermcl.protocol.answers import (
-    AS_STARTED,
-    Belief,
-    CommandDone,
-    Configure,
-    LiveSettings,
-    Status,
-    Update,
-)
+from clustermcl.protocol.answers import Belief, CommandDone, Configure, Status, Update
 from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.codec import decode
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import MAX_SCAN_STEP
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmarks

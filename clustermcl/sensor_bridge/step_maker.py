@@ -11,10 +11,11 @@ from msgspec.structs import asdict, replace
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import section_with
 from clustermcl.protocol import steps
-from clustermcl.protocol.answers import AS_STARTED, Belief, LiveSettings
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.floors import ONE_MAP, Floors
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.runtime.settings import BridgeSettings

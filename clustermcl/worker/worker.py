@@ -10,7 +10,6 @@ from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings, SensorSettings, filter_with
 from clustermcl.protocol import work
 from clustermcl.protocol.advice import Advice, AdviceQuestion
-from clustermcl.protocol.answers import AS_STARTED
 from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import (
@@ -19,6 +18,7 @@ from clustermcl.protocol.errors import (
     OldTermError,
     printable,
 )
+from clustermcl.protocol.live_settings import AS_STARTED
 from clustermcl.protocol.steps import Landmark, MapMessage, Scan
 from clustermcl.protocol.work import Report
 from clustermcl.worker.job_table import RECENT_SCANS, JobTable, MissingScans

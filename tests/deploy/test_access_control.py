@@ -16,7 +16,8 @@ READ_BY_OTHERS = {"publishes": "reads", "serves": "asks", "announces": "watches"
 
 def all_keys() -> list[str]:
     """Every key, a worker's with a name of one; selectors without parameters."""
-    found = [value for name, value in vars(keys).items() if name.isupper() and name[0] != "_"]
+    of_names = ("LONGEST_NAME", "ROOM_FOR_NUMBER", "NAME_PATTERN")
+    found = [key for name, key in vars(keys).items() if name.isupper() and name not in of_names]
     of_workers = [value for value in vars(keys).values() if inspect.isbuiltin(value)]
     assert len(of_workers) == 6
     return [*found, *(key("worker-0") for key in of_workers)]

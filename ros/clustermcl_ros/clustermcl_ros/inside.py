@@ -12,9 +12,10 @@ from clustermcl.belief.outcome import Outcome
 from clustermcl.belief.pose_tracker import PoseTracker
 from clustermcl.link.inbox import Inbox
 from clustermcl.localizer import Belief, ClusterMCL
-from clustermcl.protocol.answers import AS_STARTED, Configure, Relocalize, SetPose, Update
+from clustermcl.protocol.answers import Configure, Relocalize, SetPose, Update
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import CommandRefusedError
+from clustermcl.protocol.live_settings import AS_STARTED
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading, Scan
 from clustermcl.protocol.work import TrackReport
 from clustermcl.recordings.maps.grid_map import GridMap

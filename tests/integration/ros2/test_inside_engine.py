@@ -17,10 +17,11 @@ from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SearchSettings
 from clustermcl.localizer import Belief
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import Configure, LiveSettings, Relocalize, SetPose, Update
+from clustermcl.protocol.answers import Configure, Relocalize, SetPose, Update
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.changes import Changes
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import MapReading, OdometryReading
 from clustermcl.protocol.work import Particles
 from clustermcl.recordings.maps.grid_map import GridMap

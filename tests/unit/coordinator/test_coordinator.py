@@ -8,19 +8,11 @@ from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE
 from clustermcl.coordinator.event_log import HANDED_ON_EVENTS, KEPT_EVENTS, EventLog
 from clustermcl.filter.settings import FilterSettings, SearchSettings
-from clustermcl.protocol.answers import (
-    AS_STARTED,
-    Belief,
-    CommandDone,
-    Hypothesis,
-    LiveSettings,
-    Relocalize,
-    SetPose,
-    Status,
-)
+from clustermcl.protocol.answers import Belief, CommandDone, Hypothesis, Relocalize, SetPose, Status
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.floors import Floor, Floors
 from clustermcl.protocol.job_events import Began, Ended, JobEvents, Remark
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import OdometryReading
 from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, SearchJob, WorkerState

@@ -5,7 +5,7 @@ import msgspec
 import pytest
 
 from clustermcl.filter.settings import FilterSettings, filter_with, section_with
-from clustermcl.protocol.answers import AS_STARTED, LiveSettings
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.runtime.settings_table import TABLE
 

@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
-from clustermcl.protocol.answers import Configure, LiveSettings, SetPose
+from clustermcl.protocol.answers import Configure, SetPose
 from clustermcl.protocol.errors import InputFileError, SettingsError
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.nav2_params import read_nav2_params
 from clustermcl.ros2.parameter_table import LIVE, PARAMETERS

@@ -1,9 +1,10 @@
 """What passes between ROS, the node's decisions and the engine."""
 
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import LiveSettings, Relocalize, SetPose, Update
+from clustermcl.protocol.answers import Relocalize, SetPose, Update
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import GONE, MOVED, NEW, Changes
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
 from clustermcl.recordings.rigid import flat
 from clustermcl.ros2 import topics

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clustermcl.protocol.answers import AS_STARTED, LiveSettings
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, Reading, Scan
 from clustermcl.runtime.settings import BridgeSettings

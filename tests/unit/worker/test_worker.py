@@ -9,8 +9,8 @@ from msgspec.structs import replace
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.jobs.jobs import running
-from clustermcl.protocol.answers import LiveSettings
 from clustermcl.protocol.errors import MalformedMessageError, UnreachableError
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.protocol.work import (
     Assignment,
