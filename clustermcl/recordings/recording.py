@@ -24,7 +24,11 @@ SHORTEST_MARKER_M = 8.0
 """Shortest range that marks a missing return [m]; known lasers use 8.18 m or more."""
 
 _BAND = 0.99  # 81.83 and 81.91 m, or 51.10 to 51.16 m, are the same marker
-_MIN_SHARE, _MIN_MODE = 0.001, 0.5
+_NEAR_BAND = 0.8
+_MIN_SHARE = 0.001
+_MIN_CONTRAST = 10.0
+_MIN_MODE = 0.5
+_MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
 """Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
 
@@ -179,9 +183,14 @@ def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
 
     Recordings mark a missing return by the longest range of their laser: 81.91, 81.83, 51.1 or
     50 m. No format has a field for it. Ranges above 99 % of the longest are taken as a marker if
-    this is at least 8 m, they are at least 0.1 % of all ranges, and at least half of them are the
-    same number, unlike measured walls. Otherwise all ranges are measurements, and the limit is
-    slightly more than the longest [m]. If this is wrong, only beams above 99 % are affected.
+
+    * they are at least 0.1 % of all ranges, and ten times as dense as those from 80 % of the
+      longest range on,
+    * at least half of them are the same number, unlike measured walls,
+    * the longest range is at least 8 m, and twice the median of the others.
+
+    Otherwise all ranges are measurements, and the limit is slightly more than the longest [m]. If
+    this is wrong, only beams above 99 % are affected.
     """
     ranges = np.concatenate([np.empty(0, np.float32), *scans])
     ranges = ranges[np.isfinite(ranges) & (ranges > 0.0)]
@@ -189,10 +198,15 @@ def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
         return SHORTEST_MARKER_M
     longest = float(ranges.max())
     limit = _BAND * longest
-    band = ranges[ranges >= limit]
+    band, others = ranges[ranges >= limit], ranges[ranges < limit]
+    near = np.count_nonzero(others >= _NEAR_BAND * longest)
+    usual = near * (1.0 - _BAND) / (_BAND - _NEAR_BAND)
     is_marked = (
         longest >= SHORTEST_MARKER_M
-        and _MIN_SHARE * len(ranges) <= len(band) < len(ranges)
+        and len(others) > 0
+        and len(band) >= _MIN_SHARE * len(ranges)
+        and len(band) >= _MIN_CONTRAST * usual
         and int(np.unique(band, return_counts=True)[1].max()) >= _MIN_MODE * len(band)
+        and longest >= _MIN_REACH * float(np.median(others))
     )
     return limit if is_marked else longest * (2.0 - _BAND)
