@@ -55,9 +55,8 @@ class Observer:
         self.is_judging = False
         """Set when the first search is over."""
         self._wall_ns = time.time_ns() - time.monotonic_ns()
-        logging.getLogger("clustermcl.link").setLevel(
-            "ERROR"
-        )  # the soak itself sends malformed ones
+        # The soak itself sends malformed messages.
+        logging.getLogger("clustermcl.link").setLevel("ERROR")
         self.node = Node("soak", "soak", settings, stop, peers=keys.ALL_WORKERS_ALIVE)
         self._subscribe(keys.BELIEF, Belief, self._on_belief)
         self._subscribe(keys.SCAN, Scan, lambda at_ns, scan: self._steps.on_scan(at_ns, scan.step))

@@ -1,7 +1,9 @@
 import math
 
 import numpy as np
+import pytest
 
+from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.overlaps import is_near, merge_overlapping
 from tests.unit.filter.naive import angle_between
 
@@ -27,3 +29,14 @@ def test_a_pose_is_near_if_another_is_near_in_position_and_heading() -> None:
     assert is_near(poses, others, 0.5, 0.35).tolist() == [True, False, True, False]
     assert is_near(poses, [], 0.5, 0.35).tolist() == [False] * 4
     assert is_near([], others, 0.5, 0.35).tolist() == []
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf], ids=["no report", "impossible everywhere"])
+def test_what_says_the_same_of_all_places_changes_nothing(value: float) -> None:
+    prior = belief.normalised_logs(np.array([0.0, -1.0]))
+    np.testing.assert_array_equal(belief.updated(prior, np.full(2, value)), prior)
+
+
+def test_a_belief_without_mass_is_refused() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        belief.normalised_logs(np.full(3, -np.inf))
