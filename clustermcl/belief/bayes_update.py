@@ -13,15 +13,9 @@ from clustermcl.belief.cluster_set import ClusterSet, log_of
 from clustermcl.belief.explained import explains
 from clustermcl.belief.ledger import Ledger
 from clustermcl.filter.laser.beam_fits import fit_and_through
-from clustermcl.filter.laser.evidence_model import (
-    scan_exponent,
-    short_beam_gain,
-    through_beam_loss,
-)
+from clustermcl.filter.laser.evidence_model import scan_exponent, short_beam_gain
 from clustermcl.protocol.work import TrackReport
 
-PERHAPS_LIFTED = 0.2
-"""Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
 OPEN = 0.02
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
 NO_PLACE = 0.2
@@ -29,7 +23,7 @@ NO_PLACE = 0.2
 SHORT_LEARNED = 0.15
 """Weight of a scan in the share of short beams."""
 MISSED = 0.25
-"""A beam that fits less is short or through a wall."""
+"""A beam that fits less, and is not through a wall, is short."""
 
 
 def weigh(
@@ -76,9 +70,7 @@ def weigh(
     ledger.note_update("lifted or brought back", among, log_here, log_there, log_off)
     among, log_scan = update.among_clusters(among)
     ledger.note_update("scan", among, log_here, log_there, log_off)
-    cut_short, through = update.explained(among)
-    log_scan += cut_short
-    update.follow_fit(log_scan - through, float(among.max()) + log_here)
+    log_scan += update.cut_short(among)
     odds = update.log_odds_of_here(among, decoy)
     misses = update.missed(among)
     if held.given is not None:
@@ -89,8 +81,6 @@ def weigh(
         fits_better = log_likelihood_elsewhere - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
         log_there += news * (min(fits_better, 0.0) if misses < 0.0 else fits_better)
-    if held.may_be_lifted:
-        log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
     ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)
@@ -206,35 +196,21 @@ class _Update:
         share = np.exp(belief.normalised_logs(among[list(found)]))
         return float(share @ [through - clear for _, clear, through in found.values()])
 
-    def follow_fit(self, log_scan: float, log_best: float) -> None:
-        """Learn how well scans fit while the robot is localized."""
-        held, rules = self._held, self._held.rules
-        if rules.kidnapping_probability == 0.0:
-            return
-        if held.fit.has_fallen or log_best >= math.log(rules.localized_probability):
-            held.fit = held.fit.after(log_scan, self._news)
-        else:
-            held.fit = replace(held.fit, shortfall=0.0)
-
-    def explained(self, among: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the correction of a scan's log-likelihood at the clusters by its beams [nat].
+    def cut_short(self, among: NDArray[np.float64]) -> float:
+        """Return the gain in log-likelihood of beams that end before obstacles, as at people [nat].
 
         It is 0 if the robot cannot be off the map; the update is then exactly Bayes' rule.
-
-        Returns:
-            The gain of beams before obstacles, which people explain; and the loss of beams through
-            obstacles, if nothing explained them.
         """
         held = self._held
         if held.rules.off_map_probability == 0.0:
-            return 0.0, 0.0
-        counts = np.array([_counts(r) if r else (0, 0, 0) for r in self._reports])
+            return 0.0
+        counts = np.array([_counts(r) if r else (0, 0) for r in self._reports])
         exponents = [scan_exponent(beams, held.sensor) for beams in counts[:, 0].tolist()]
-        beams, short, through = (np.exp(among) * exponents @ counts).tolist()
+        beams, short = (np.exp(among) * exponents @ counts).tolist()
         gain = short * short_beam_gain(held.short, held.sensor)
         if beams > 0.0:
             held.short += SHORT_LEARNED * self._news * (short / beams - held.short)
-        return gain, through * through_beam_loss(held.sensor)
+        return float(gain)
 
     def kidnapped(self) -> tuple[float, float, float]:
         """Return log probabilities of all clusters together, of elsewhere, and of off the map.
@@ -256,8 +232,7 @@ class _Update:
         return log_here + math.log1p(-hazard), float(log_there), float(log_off)
 
 
-def _counts(report: TrackReport) -> tuple[int, int, int]:
-    """Return the numbers of beams, of those that end before any obstacle, and through walls."""
+def _counts(report: TrackReport) -> tuple[int, int]:
+    """Return the numbers of beams, and of those that end before any obstacle."""
     fits, through = fit_and_through(report.fits)
-    short = np.count_nonzero((fits < MISSED) & ~through)
-    return len(fits), int(short), int(np.count_nonzero(through))
+    return len(fits), int(np.count_nonzero((fits < MISSED) & ~through))

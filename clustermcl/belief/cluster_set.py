@@ -16,7 +16,6 @@ from clustermcl.belief.familiarity import Familiarity
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
-from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -97,8 +96,6 @@ class ClusterSet(Part):
     """Share of the beams that end before any obstacle, learned during the run."""
     familiarity: Familiarity = Familiarity()
     """How well the map explains the building."""
-    fit: UsualFit = UsualFit()
-    """How well scans fit where the robot is."""
     given: Given | None = None
     """The only place was given, and holds."""
     on_map: bool = False
@@ -131,11 +128,6 @@ class ClusterSet(Part):
     def piece_evidence(self) -> float:
         """Evidence of a piece of wall that fits, against one that does not [nat]."""
         return self.familiarity.evidence(self.rules.piece_evidence)
-
-    @property
-    def may_be_lifted(self) -> bool:
-        """Whether scans fit worse than usual at a place that was found, not given."""
-        return self.fit.has_fallen and not self.on_map
 
     def all(self) -> tuple[Cluster, ...]:
         """Return the clusters in the order in which they are summed."""
@@ -346,7 +338,7 @@ class ClusterSet(Part):
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
-        self.fit, self.given, self.on_map = UsualFit(), None, False
+        self.given, self.on_map = None, False
         return self.end(self.all(), cause)
 
     def _make_room(self, count: int) -> list[Cluster]:
