@@ -275,13 +275,6 @@ class ClusterSet(Part):
         self.log_elsewhere = max(self.log_elsewhere, least)
         self._normalise()
 
-    def hold_on(self, first_step: int) -> None:
-        """Take a given place as established if the search from this step on found no better one."""
-        best = self.by_probability()[0]
-        is_certain = best.probability >= self.rules.localized_probability
-        if self.on_map and is_certain and best.born_step < first_step:
-            self.given = Given(ESTABLISHED)
-
     def move(self, gains: Mapping[int, float]) -> None:
         """Add to the probabilities of clusters; negative: take from them."""
         for number, gain in gains.items():

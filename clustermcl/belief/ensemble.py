@@ -308,9 +308,8 @@ class Ensemble(Part, kw_only=True):
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            self._admit_candidates(fresh, step, is_over=is_over)
+            self._admit_candidates(fresh, step)
         if is_over:
-            self.clusters.hold_on(self.search.first_step)
             self.events += self.search.stop(step, "search over")
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
@@ -333,7 +332,7 @@ class Ensemble(Part, kw_only=True):
         self.clusters.take_from_elsewhere(self.search.evidence.newly_explained(explained))
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
-    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
+    def _admit_candidates(self, pool: Pool, step: int) -> None:
         """Admit places that no cluster holds; their probability is taken from elsewhere.
 
         Once some places of the search are clusters, their probability is shared with later ones.
@@ -354,7 +353,6 @@ class Ensemble(Part, kw_only=True):
             room,
             log_weight,
             settings,
-            is_over=is_over,
             holds_own=bool(own),
             most=most,
             is_given=self.clusters.on_map and not self._is_elsewhere,
@@ -398,7 +396,7 @@ class Ensemble(Part, kw_only=True):
         step, log_weight = pool.step, self.clusters.log_elsewhere
         held = [cluster.pose for cluster in self.clusters.all()]
         room = self.clusters.room()
-        found = admission(pool, held, room, log_weight, self.settings, is_over=False)
+        found = admission(pool, held, room, log_weight, self.settings)
         if found.entering:
             self.clusters.take_from_elsewhere(found.explained)
             entering: list[Candidate] = [(place, "observed") for place in found.entering]

@@ -187,15 +187,6 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     assert (made.elsewhere > 0.5) is is_alarmed
 
 
-def test_beams_through_obstacles_make_a_scan_fit_worse() -> None:
-    usual = []
-    for fits in ([1.0] * 60, [1.0] * 50 + [-1.0] * 10):
-        made = first(1.0, off_map_probability=0.05)
-        weigh(made, {"c0": tracked("c0", 1, 1.0, NORTH, fits=fits)}, -17.0)
-        usual.append(made.fit.mean)
-    assert usual == [0.0, pytest.approx(-5.48, abs=0.01)]
-
-
 def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
     """Elsewhere had 0.5; the search explains 0.8 of it, half of which the candidate has."""
     made = first(0.5)

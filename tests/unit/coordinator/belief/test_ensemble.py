@@ -95,8 +95,8 @@ def test_a_search_goes_on_while_its_best_places_hold_too_little() -> None:
 
 
 def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
-    places = {NORTH: 0.66, SOUTH: 0.33, EAST: 0.01}
-    made = bootstrapped(places, search_every_steps=1, candidate_probability=0.02)
+    places = {NORTH: 0.65, SOUTH: 0.325, EAST: 0.01}
+    made = bootstrapped(places, search_every_steps=1, kidnapping_probability=1e-12)
     new: PoseTuple = (-5.0, 0.0, 0.0)
     tracks = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
     started = made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in tracks.items()])
@@ -104,7 +104,7 @@ def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leav
     reports: list[Report] = [tracked(job, 2, 0.1, mean) for job, mean in tracks.items()]
     reports += [searched(f"s1.{n}", 2, {new: 0.9, NORTH: 0.1}) for n in range(2)]
     outcome = made.advance(2, reports)
-    share = 0.018 / 1.008
+    share = 0.9 * 0.015 / (0.975 + 0.9 * 0.015)  # of what elsewhere has
     assert probabilities(outcome)[3] == pytest.approx(share)
     assert outcome.events == (
         Ended("c2", "pushed out", ("c3",), pytest.approx(0.01)),

@@ -1,1 +1,0 @@
-"""Records what clusters say of scans, and fits the evidence model to it."""
