@@ -231,7 +231,6 @@ def as_many_all_the_time(clusters: int) -> list[str]:
         "belief.search_every_steps=1000000",
         "belief.least_probability=1e-12",
         "belief.merge_every_steps=1000000",
-        "cluster.split_every_steps=0",
     ]
 
 

@@ -308,20 +308,6 @@ class ClusterSet(Part):
         )
         self.log_off_map = max(self.log_off_map, kept)
 
-    def split(
-        self, job_id: str, parts: Sequence[Place], step: int
-    ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Replace a cluster by its parts, which share its probability."""
-        whole = self.clusters.pop(int(job_id.removeprefix("c")))
-        total = math.fsum(part.share for part in parts)
-        candidates: list[Candidate] = [
-            (replace(part, share=whole.probability * part.share / total), "split") for part in parts
-        ]
-        admitted, events = self.admit(candidates, step)
-        for part in admitted:
-            self.clusters[part.cluster] = replace(part, born_step=whole.born_step)
-        return admitted, [_ended(whole, "split", *admitted), *events]
-
     def _is_anywhere(self) -> None:
         """Give all probability to elsewhere on this map and off the map."""
         is_ever_lost = self.rules.kidnapping_probability > 0.0

@@ -182,9 +182,8 @@ class Ensemble(Part, kw_only=True):
         self.search.note_means(step, self.clusters.all())
         if step % self.settings.belief.merge_every_steps == 0:
             self.events += self.clusters.merge_overlaps()
-        self._split(tracks.values(), step)
         self.events += self.clusters.drop_improbable()
-        ledger.note("places merged, split or dropped")
+        ledger.note("places merged or dropped")
         review_particles(self.clusters, self.settings, step)
         if self.search.runs:
             self._follow_search(step, reports)
@@ -259,13 +258,6 @@ class Ensemble(Part, kw_only=True):
             return None
         weights, self.pieces = self.pieces.after(elsewhere.seen.array())
         return weights * self.clusters.piece_evidence
-
-    def _split(self, reports: Iterable[TrackReport], step: int) -> None:
-        """Split clusters whose particles form several parts; these share its probability."""
-        for report in reports:
-            if not report.parts or report.job_id not in self.clusters.job_ids:
-                continue
-            self._track(report.parts, *self.clusters.split(report.job_id, report.parts, step))
 
     # --- the search
 

@@ -22,10 +22,6 @@ def checked(report: Report, settings: FilterSettings) -> Report:
             places, particles = len(found), found.particles.shape[0]
             most = rules.places
             most_particles = rules.places_with_particles * rules.hand_over_particles + rules.places
-        case TrackReport(parts=parts):
-            places, particles = len(parts), sum(p.sample.log_weights.shape[0] for p in parts)
-            most = int(1.0 / settings.cluster.split_min_share) + 1
-            most_particles = most * rules.hand_over_particles
         case _:
             return report
     if places > most or particles > most_particles:

@@ -34,13 +34,6 @@ class OpenStep(Part):
     """When those reports arrived that came before the scan [ns], by job."""
 
 
-def _is_bulky(report: Report | None) -> bool:
-    """Return whether a report contains places with particles."""
-    return isinstance(report, SearchReport) or (
-        isinstance(report, TrackReport) and len(report.parts) > 0
-    )
-
-
 class ReadyStep(msgspec.Struct, frozen=True):
     """A step that can be applied."""
 
@@ -136,9 +129,11 @@ class StepCollector(Part):
         newest = scan.step if scan else self.before
         if newest is not None and report.step > newest + REPORTS_AHEAD:
             return False
+        if not isinstance(report, SearchReport):
+            return True
         others = (opened for step, opened in self.open_steps.items() if step != report.step)
         of_job = (opened.reports.get(report.job_id) for opened in others)
-        return not _is_bulky(report) or sum(map(_is_bulky, of_job)) < BULKY_REPORTS
+        return sum(isinstance(kept, SearchReport) for kept in of_job) < BULKY_REPORTS
 
     def on_report(self, report: Report, now_ns: int) -> bool:
         """Store a report of a job's present worker; return False if its step was applied."""

@@ -115,10 +115,6 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     """Resample if effective sample size / particles is below this."""
     min_particles: Annotated[int, Meta(gt=0, le=1_000_000)] = 500
     """Particles of one tracked cluster, at least."""
-    split_every_steps: NotNegativeInt = 0
-    """Interval at which clusters in several parts are split; 0: never [steps]."""
-    split_min_share: Annotated[float, Meta(gt=0, le=0.5)] = 0.2
-    """Share of a cluster's weight that a part needs to become a cluster."""
 
 
 class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -155,7 +155,6 @@ class Tracking(RunningJob):
             fits=fits,
             log_observed=log_observed,
             snapshot=self._snapshot(scan),
-            parts=self._parts(scan, rng),
         )
 
     def _observe(self, scan: Scan) -> float:
@@ -194,15 +193,6 @@ class Tracking(RunningJob):
             map_from_robot=ArrayBlob.of(self._particle_set.map_from_robot, "float64"),
             log_weights=ArrayBlob.of(self._particle_set.log_weights, "float64"),
         )
-
-    def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[work.Place, ...]:
-        """Return the places into which the cluster has split, by each n-th step; empty: none."""
-        rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
-        if every == 0 or scan.step % every != 0:
-            return ()
-        search = self._settings.search
-        found = places.places_of(self._particle_set, search, rules.split_min_share, rng)
-        return tuple(_place(place, scan) for place in found) if len(found) > 1 else ()
 
 
 class Searching(RunningJob):
@@ -321,19 +311,4 @@ def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) 
         [place.mean for place in found],
         [place.covariance for place in found],
         [place.sample for place in found],
-    )
-
-
-def _place(place: places.FoundPlace, scan: Scan) -> work.Place:
-    sample = place.sample
-    return work.Place(
-        share=place.share,
-        pose=pose_tuple(place.mean),
-        covariance=covariance_tuple(place.covariance),
-        sample=work.Particles(
-            step=scan.step,
-            odom_from_robot=scan.odom_from_robot,
-            map_from_robot=ArrayBlob.of(sample, "float32"),
-            log_weights=ArrayBlob.of(np.zeros(len(sample)), "float32"),
-        ),
     )

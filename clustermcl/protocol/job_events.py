@@ -11,12 +11,12 @@ from clustermcl.protocol.message import LIST_BYTES, Id, Message, Number, Part, P
 MAX_DETAIL_CHARACTERS = 400
 
 BeganCause: TypeAlias = Literal[
-    "first search", "restart", "observed", "prior pose", "given", "split", "ride"
+    "first search", "restart", "observed", "prior pose", "given", "ride"
 ]
 """An older release refuses a message with a cause that it does not know; texts are in `_BEGAN`."""
 
 EndedCause: TypeAlias = Literal[
-    "merged", "improbable", "pushed out", "split", "forgotten", "steps restarted",
+    "merged", "improbable", "pushed out", "forgotten", "steps restarted",
     "own robot found", "new map", "search over", "search stopped",
 ]  # fmt: skip
 """Texts are in `_ENDED`; below `belief.least_probability` a cluster is improbable."""
@@ -41,7 +41,7 @@ class Ended(Part, frozen=True, tag_field="event", tag="ended"):
     cause: EndedCause
     """docs/wire.md lists all causes."""
     by: tuple[Id, ...] = ()
-    """The cluster that it merged into, the ones that replaced it, or the ones it split into."""
+    """The cluster that it merged into, or the ones that replaced it."""
     probability: Probability = 0.0
     """Its last probability; 0 for a search."""
 
@@ -153,14 +153,12 @@ _BEGAN: dict[BeganCause, str] = {
     "observed": "found by an observation",
     "prior pose": "restored from the last pose",
     "given": "given by a command",
-    "split": "split off",
     "ride": "reached by a lift or another link",
 }
 _ENDED: dict[EndedCause, str] = {
     "merged": "merged into",
     "improbable": "dropped: improbable",
     "pushed out": "replaced by",
-    "split": "split into",
     "forgotten": "dropped by a command",
     "new map": "dropped: the bridge has another map",
     "steps restarted": "dropped: the bridge restarted its count of steps",

@@ -51,9 +51,8 @@ def _problems(message: object) -> Iterator[str | None]:
             yield from map(problem_of, parts)
         case work.Assignment(job=work.TrackJob(start=start)):
             yield _particles_problem(start)
-        case work.TrackReport(snapshot=snapshot, parts=parts):
+        case work.TrackReport(snapshot=snapshot):
             yield _fit_problem(message)
-            yield from (_particles_problem(part.sample) for part in parts)
             if snapshot is not None:
                 yield _particles_problem(snapshot)
         case work.SearchReport(places=places):

@@ -169,8 +169,6 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/2"):
     log_observed: Finite = 0.0
     """Log of the average likelihood ratio of the step's observations, after the scan."""
     snapshot: Particles | None = None
-    parts: tuple[Place, ...] = ()
-    """Two or more parts if the cluster has split, most probable first."""
 
     @property
     def cluster(self) -> int | None:
@@ -256,7 +254,7 @@ def in_few_messages(reports: Sequence[Report]) -> list[Reported]:
 
     for report in reports:
         match report:
-            case TrackReport(snapshot=None, parts=()) | ElsewhereReport(places=None):
+            case TrackReport(snapshot=None) | ElsewhereReport(places=None):
                 batch.append(report)
             case _:
                 close()

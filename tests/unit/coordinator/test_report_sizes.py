@@ -9,7 +9,7 @@ from tests.unit.coordinator import reports
 
 HERE = (0.0, 0.0, 0.0)
 SETTINGS = FilterSettings(
-    cluster=ClusterSettings(particles=2, split_min_share=0.5),
+    cluster=ClusterSettings(particles=2),
     search=SearchSettings(places=3, places_with_particles=1, hand_over_particles=4),
 )
 """Clouds of two particles, as the tests' are; three places of 4, 1 and 1 particles."""
@@ -29,12 +29,8 @@ def found(*counts: int) -> Report:
 
 @pytest.mark.parametrize(
     "report",
-    [
-        found(1, 1, 1, 1),
-        found(4, 4),
-        replace(reports.tracked("c0", 1, 1.0, HERE), parts=(reports.place(0.3, HERE, 1),) * 4),
-    ],
-    ids=["places", "particles of places", "parts"],
+    [found(1, 1, 1, 1), found(4, 4)],
+    ids=["places", "particles of places"],
 )
 def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> None:
     with pytest.raises(MalformedMessageError, match="by the settings") as caught:
@@ -44,12 +40,8 @@ def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> No
 
 @pytest.mark.parametrize(
     "report",
-    [
-        found(2, 2, 2),
-        replace(reports.tracked("c0", 1, 1.0, HERE), parts=(reports.place(0.5, HERE, 1),) * 2),
-        reports.elsewhere(1, 0.0),
-    ],
-    ids=["places", "parts", "elsewhere"],
+    [found(2, 2, 2), reports.elsewhere(1, 0.0)],
+    ids=["places", "elsewhere"],
 )
 def test_a_report_with_the_largest_allowed_number_of_places_is_accepted(report: Report) -> None:
     assert checked(report, SETTINGS) is report

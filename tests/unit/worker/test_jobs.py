@@ -4,19 +4,15 @@ from msgspec.structs import replace
 
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.settings import (
     ClusterSettings,
     FilterSettings,
-    SearchSettings,
-    SensorSettings,
 )
 from clustermcl.jobs.jobs import RunningJob, Tracking, running
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
 from clustermcl.protocol.steps import mirrored
 from clustermcl.protocol.work import Assignment, Particles, SearchJob, TrackReport
-from tests.unit.coordinator.reports import particles
 from tests.unit.worker.test_job_table import SETTINGS, cloud, model, scan, track
 
 __all__ = ["model"]  # the fixture
@@ -141,23 +137,6 @@ def test_each_cluster_reports_particles_at_its_own_steps(model: SensorModel) -> 
         reports = [job.advance(scan(step)) for step in range(1, 7)]
         reported[job_id] = [report.step for report in reports if report.snapshot]
     assert reported == {"c0": [3, 6], "c1": [1, 4]}
-
-
-def test_a_split_cluster_reports_its_parts_at_every_second_step(model: SensorModel) -> None:
-    settings = FilterSettings(
-        cluster=ClusterSettings(particles=200, split_every_steps=2, resample_below_ess=0.001),
-        search=SearchSettings(source_radius_m=0.5, source_heading_rad=0.5),
-    )
-    rng = np.random.default_rng(0)
-    poses = np.repeat([[2.0, 3.0, 0.0], [4.0, 4.0, 1.0]], 100, axis=0)
-    start = particles(poses + rng.normal(0.0, 0.02, poses.shape))
-    blunt = computed_model(model.grid, SensorSettings(scan_likelihood_exponent=1e-6))
-    job = running(track("c0", start, exact=True), blunt, settings, sender="w")
-    parts = [job.advance(scan(step)).parts for step in (1, 2)]  # type: ignore[union-attr]
-    assert parts[0] == ()
-    assert len(parts[1]) == 2
-    assert sum(part.share for part in parts[1]) == pytest.approx(1.0)
-    assert parts[1][0].sample.odom_from_robot == scan(2).odom_from_robot
 
 
 def test_shards_begin_apart_and_share_the_poses(model: SensorModel) -> None:

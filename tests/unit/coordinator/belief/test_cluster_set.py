@@ -252,7 +252,6 @@ DEEDS = st.lists(
         st.tuples(st.just("admit"), st.lists(SMALL, max_size=3), SMALL),
         st.tuples(st.just("drop"), st.none(), st.none()),
         st.tuples(st.just("merge"), st.none(), st.none()),
-        st.tuples(st.just("split"), st.tuples(SMALL, SMALL), st.none()),
         st.tuples(st.just("clear"), st.none(), st.none()),
     ),
     max_size=12,
@@ -270,7 +269,6 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         least_probability=0.05,
     )
     for step, (deed, values, value) in enumerate(deeds):
-        clusters = made.by_probability()
         match deed:
             case "weigh":
                 values_by_job = dict(zip(made.job_ids, values, strict=False))
@@ -283,9 +281,6 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
                 made.drop_improbable()
             case "merge":
                 made.merge_overlaps()
-            case "split" if clusters:
-                parts = [place(v, EAST, step) for v in values]
-                made.split(clusters[0].job_id, parts, step)
             case "clear":
                 made.clear("forgotten")
         assert math.fsum(probabilities(made)) == pytest.approx(1.0, abs=1e-9)
@@ -303,12 +298,6 @@ def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> No
     after = probabilities(made)
     assert after[:2] == pytest.approx(old)
     assert after[2:4] == pytest.approx([held / 1.6, 0.6 * held / 1.6])
-
-
-def test_parts_of_a_split_cluster_keep_its_age() -> None:
-    made = first(1.0)
-    made.split("c0", [place(0.7, SOUTH, 5), place(0.3, NORTH, 5)], 5)
-    assert [c.born_step for c in made.all()] == [0, 0]
 
 
 def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:

@@ -1,6 +1,5 @@
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -187,29 +186,6 @@ def test_relocalize_near_a_place_or_in_a_region_searches_there_and_later_everywh
         for outcome in [*searches, made.relocalize(2)]
     ]
     assert found == [[(near, ())] * 2, [(None, corners)] * 2, [(None, ())] * 2]
-
-
-def test_a_split_cluster_becomes_two_that_share_its_probability() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
-    parts = (place(0.75, (0.0, 5.0, 0.0), 1), place(0.25, (0.0, 8.0, 0.0), 1))
-    apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
-    outcome = made.advance(1, [apart, tracked("c1", 1, 0.1, SOUTH)])
-    assert probabilities(outcome) == pytest.approx({1: 0.4, 2: 0.45, 3: 0.15})
-    assert outcome.events == (
-        Ended("c0", "split", ("c2", "c3"), pytest.approx(0.6)),
-        Began("c2", "split", pytest.approx(0.45)),
-        Began("c3", "split", pytest.approx(0.15)),
-    )
-    assert set(outcome.begin) == {"c2", "c3"}
-
-
-def test_a_part_dropped_in_the_step_of_its_split_has_no_job() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, least_probability=0.1)
-    parts = (place(0.9, (0.0, 5.0, 0.0), 1), place(0.1, (0.0, 8.0, 0.0), 1))
-    apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
-    outcome = made.advance(1, [apart, tracked("c1", 1, 0.1, SOUTH)])
-    assert outcome.end == ("c0",)
-    assert set(outcome.begin) == {"c2"}
 
 
 @pytest.mark.parametrize("step", [1, 2])
