@@ -167,8 +167,6 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Turn after which it is [rad]."""
     piece_evidence: NotNegative = 0.7
     """Evidence of a piece of wall that fits, against one that does not; 0: whole scans [nat]."""
-    evidence_noise: NotNegative = 0.3
-    """Monte Carlo error of the difference in evidence between places [nat]."""
     evidence_residual: Positive = 0.25
     """Residual at which differences between places count half [nat/beam]."""
     kidnapping_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.001

@@ -30,6 +30,8 @@ from clustermcl.filter.poses import compose, heading_distance, wrap_angle
 from clustermcl.filter.settings import FilterSettings
 
 MAX_WAYS = 5
+EVIDENCE_NOISE = 0.3
+"""Monte Carlo error of the difference in evidence between places [nat]."""
 LEAST_INFORMATION = 0.2
 """A way with less information is not advised [nat]."""
 LEAST_SHARE = 0.3
@@ -180,10 +182,8 @@ def _shares(
 
 def _counted(seen: "_Seen", question: Question, settings: FilterSettings) -> NDArray[np.float64]:
     """Return (K, K) how much of the evidence of a view will count."""
-    rules = settings.belief
-    worth = evidence_weight(1.0, question.residual, rules)
-    size = seen.evidence + rules.evidence_noise
-    return np.asarray(worth * seen.evidence**2 / np.where(size > 0.0, size, 1.0))
+    worth = evidence_weight(1.0, question.residual, settings.belief)
+    return np.asarray(worth * seen.evidence**2 / (seen.evidence + EVIDENCE_NOISE))
 
 
 View = tuple[int, int]

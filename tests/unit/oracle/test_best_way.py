@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from clustermcl.filter.advice.advice import Question, advised_ways
+from clustermcl.filter.advice.advice import EVIDENCE_NOISE, Question, advised_ways
 from clustermcl.filter.arrays import FREE, OCCUPIED, Cells
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.poses import wrap_angle
@@ -60,7 +60,7 @@ def counted(point: tuple[float, float]) -> NDArray[np.float64]:
         fits = MODEL.log_likelihood(poses, beams).reshape(2, -1).max(axis=1)
         exponent = MODEL.settings.scan_likelihood_exponent
         nats = max(exponent * float(fits[right] - fits[1 - right]), 0.0)
-        against[right] = nats**2 / (nats + RULES.evidence_noise)
+        against[right] = nats**2 / (nats + EVIDENCE_NOISE)
     return against
 
 
