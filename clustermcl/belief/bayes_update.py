@@ -34,6 +34,7 @@ def weigh(
     observed_elsewhere: float = 0.0,
     beams: NDArray[np.float64] | None = None,
     news: float = 1.0,
+    unseen: float | None = None,
     decoy: float | None = None,
     is_evidence: bool = True,
     ledger: Ledger | None = None,
@@ -53,6 +54,8 @@ def weigh(
         beams: (B,) evidence of the beams, if they fit (`Pieces`) [nat]; None: unknown.
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
+        unseen: share of the scan whose pieces of wall are new, and so count for elsewhere; None:
+            `news`.
         decoy: evidence of the new beams at places of the mirrored robot [nat]; None: unknown.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
         ledger: it records which part of the update changes which log odds.
@@ -71,6 +74,8 @@ def weigh(
     among, log_scan = update.among_clusters(among)
     ledger.note_update("scan", among, log_here, log_there, log_off)
     log_scan += update.cut_short(among)
+    if float(among.max()) + log_here >= math.log(held.rules.localized_probability):
+        held.fit = held.fit.after(log_scan, news)
     odds = update.log_odds_of_here(among, decoy)
     misses = update.missed(among)
     if held.given is not None:
@@ -80,7 +85,9 @@ def weigh(
     if not math.isnan(log_likelihood_elsewhere):
         fits_better = log_likelihood_elsewhere - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
-        log_there += news * (min(fits_better, 0.0) if misses < 0.0 else fits_better)
+        log_there += (news if unseen is None else unseen) * (
+            min(fits_better, 0.0) if misses < 0.0 else fits_better
+        )
     here = np.append(among + log_here, (log_there, log_off))
     ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
     ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)

@@ -16,6 +16,7 @@ from clustermcl.belief.familiarity import Familiarity
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
+from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -96,6 +97,8 @@ class ClusterSet(Part):
     """Share of the beams that end before any obstacle, learned during the run."""
     familiarity: Familiarity = Familiarity()
     """How well the map explains the building."""
+    fit: UsualFit = UsualFit()
+    """How well scans fit where the robot is."""
     given: Given | None = None
     """The only place was given, and holds."""
     on_map: bool = False
@@ -262,13 +265,13 @@ class ClusterSet(Part):
         self.given, self.on_map = Given(), True
         self.log_elsewhere, self.log_off_map = 0.0, -math.inf
 
-    def give_up_given(self) -> None:
-        """Prepare the search after a given place has failed.
+    def doubt(self) -> None:
+        """Prepare the search after a given place has failed or a robot was probably lifted.
 
         Elsewhere gets what the state `localized` leaves it, so that places enter by how well they
         fit.
         """
-        self.given = None
+        self.fit, self.given = UsualFit(), None
         logs = [cluster.log_probability for cluster in self.all()]
         sure = self.rules.localized_probability
         least = float(np.logaddexp.reduce(logs)) + log_of(1.0 - sure) - math.log(sure)
@@ -317,7 +320,7 @@ class ClusterSet(Part):
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
-        self.given, self.on_map = None, False
+        self.fit, self.given, self.on_map = UsualFit(), None, False
         return self.end(self.all(), cause)
 
     def _make_room(self, count: int) -> list[Cluster]:

@@ -156,7 +156,7 @@ class Ensemble(Part, kw_only=True):
             news = new_share(before_from_after, self.settings.cluster)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
         ledger = Ledger(self.clusters)
-        beams = self._new_of_beams(elsewhere, in_cabin=in_cabin)
+        beams, unseen = self._new_of_beams(elsewhere, in_cabin=in_cabin)
         weigh(
             self.clusters,
             tracks,
@@ -164,6 +164,7 @@ class Ensemble(Part, kw_only=True):
             observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
             beams=beams,
             news=news,
+            unseen=unseen,
             decoy=None if beams is None else self.decoy.explains(tracks, beams),
             is_evidence=not in_cabin,
             ledger=ledger,
@@ -250,14 +251,18 @@ class Ensemble(Part, kw_only=True):
 
     def _new_of_beams(
         self, elsewhere: ElsewhereReport | None, *, in_cabin: bool
-    ) -> NDArray[np.float64] | None:
-        """Return the evidence of each beam if it fits [nat]; None: unknown."""
+    ) -> tuple[NDArray[np.float64] | None, float | None]:
+        """Return the evidence of each beam if it fits [nat], and the share of pieces that is new.
+
+        None: unknown.
+        """
         if in_cabin:
             self.pieces = Pieces()  # another floor has others
         if in_cabin or elsewhere is None or elsewhere.seen is None:
-            return None
-        weights, self.pieces = self.pieces.after(elsewhere.seen.array())
-        return weights * self.clusters.piece_evidence
+            return None, None
+        weights, unseen, self.pieces = self.pieces.after(elsewhere.seen.array())
+        evidence = self.clusters.piece_evidence
+        return weights * evidence, unseen if evidence else None
 
     # --- the search
 
@@ -271,15 +276,15 @@ class Ensemble(Part, kw_only=True):
         self.begin |= self.search.begin(first_step, *outside, near, corners)
 
     def _look_elsewhere(self, step: int, *, was_elsewhere: bool) -> None:
-        """Begin a search if one is due, the robot becomes lost, or a given pose fails."""
-        given = self.clusters.given
-        fails = given is not None and (given.is_doubted or self._lost)
+        """Begin a search if one is due, the robot becomes lost, or a place fails."""
+        given, fell = self.clusters.given, self.clusters.fit.has_fallen
+        fails = fell or (given is not None and (given.is_doubted or self._lost))
         if given is not None and not fails:
             return
         if fails:
-            self.clusters.give_up_given()
-        lifted = self._is_elsewhere and not was_elsewhere and not self._is_founding
-        if fails or lifted:
+            self.clusters.doubt()
+        lost = self._is_elsewhere and not was_elsewhere and not self._is_founding
+        if fails or lost:
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
         elif not self.search.runs and self.search.is_due(step, self._patience):

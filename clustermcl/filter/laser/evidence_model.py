@@ -5,12 +5,23 @@ driving. Where no pose explains the scan, because of people or moved furniture, 
 """
 
 import math
+import sys
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
 
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.settings import BeliefSettings, SensorSettings
 
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
+LIFTED = 16.0
+"""A fit that is lower by so much than chance explains is that of a kidnapped robot [nat]."""
+_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
+"""Variance of the fits at one place [nat^2]: before the first scan, and at least."""
+_CHANCE, _LEARNED = 3.0, 0.1
+"""Standard deviations by which a fit may be low by chance; weight of a scan in both."""
 
 
 def scan_exponent(beams: int, settings: SensorSettings) -> float:
@@ -59,6 +70,38 @@ def _log_hit(settings: SensorSettings) -> float:
 
 def _log_unexplained(settings: SensorSettings) -> float:
     return math.log(settings.random_weight / settings.max_range_m)
+
+
+NotNegative = Annotated[float, Meta(ge=0.0, le=sys.float_info.max)]
+
+
+class UsualFit(msgspec.Struct, frozen=True):
+    """How well scans have fitted where the robot is localized: a one-sided CUSUM test (Page 1954).
+
+    A place that resembles the true one explains most of a scan, so evidence against it accumulates
+    slowly. A kidnapping shows at once; where a building has changed, the fit falls bit by bit.
+    """
+
+    mean: Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)] | None = None
+    """Mean of the scans' log-likelihoods [nat]; None: before the first scan."""
+    variance: NotNegative = _VARIANCE
+    """Variance of the scans' log-likelihoods [nat^2]."""
+    shortfall: NotNegative = 0.0
+    """Sum over the last scans of how much worse they fitted than chance explains [nat]."""
+
+    @property
+    def has_fallen(self) -> bool:
+        return self.shortfall > LIFTED
+
+    def after(self, log_likelihood: float, news: float) -> "UsualFit":
+        """Return the statistics after one more scan; `news`, 0 to 1, is how independent it is."""
+        if self.mean is None:
+            return UsualFit(log_likelihood)
+        below, learned = self.mean - log_likelihood, _LEARNED * news
+        shortfall = max(self.shortfall + below - _CHANCE * math.sqrt(self.variance), 0.0)
+        mean = self.mean - learned * below
+        variance = self.variance + learned * ((mean - log_likelihood) ** 2 - self.variance)
+        return UsualFit(mean, max(variance, _LEAST_VARIANCE), shortfall)
 
 
 def way(before_from_after: Pose) -> tuple[float, float]:

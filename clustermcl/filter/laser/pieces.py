@@ -42,7 +42,7 @@ class Pieces(msgspec.Struct, frozen=True):
         possible = (rows["ended"] >= 0.0) & (rows["passed"] >= 0.0)  # false for NaN
         return None if possible.all() else "pieces out of range"
 
-    def after(self, seen: Points) -> "tuple[NDArray[np.float64], Pieces]":
+    def after(self, seen: Points) -> "tuple[NDArray[np.float64], float, Pieces]":
         """Return what is new of a scan, and the memory with it.
 
         A piece counts n / (n + passes + 2) after n beams. The difference that this scan makes is
@@ -52,10 +52,11 @@ class Pieces(msgspec.Struct, frozen=True):
             seen: (1 + B, 2) position of the robot and ends of its beams, in odometry [m].
 
         Returns:
-            (B,) weights of the beams, 0 to 1, and the memory.
+            (B,) weights of the beams, 0 to 1; their sum, as a share of that with an empty memory;
+            and the new memory.
         """
         if len(seen) < 2 or not (np.abs(seen) < _LARGEST * PIECE_M).all():
-            return np.zeros(max(len(seen) - 1, 0)), self
+            return np.zeros(max(len(seen) - 1, 0)), 0.0, self
         rows = np.frombuffer(self.rows, _ROW)
         known, at = _keys(np.stack((rows["x"], rows["y"]), axis=-1)), _keys(_blocks(seen[1:]))
         keys, inverse = np.unique(np.concatenate((known, at)), return_inverse=True)
@@ -67,6 +68,7 @@ class Pieces(msgspec.Struct, frozen=True):
         more = ended + here
         new = more / (more + passed + DOUBTFUL) - ended / (ended + passed + DOUBTFUL)
         weights = (new / np.maximum(here, 1))[of_beam]
+        share = float(new.sum() / (here / (here + DOUBTFUL)).sum())
         crossed = _keys(_crossed(seen[0], seen[1:]))
         place = np.searchsorted(keys, crossed)
         place[place == len(keys)] = 0
@@ -78,7 +80,7 @@ class Pieces(msgspec.Struct, frozen=True):
             column, row = seen[0] / PIECE_M
             away = np.hypot(made["x"] - column, made["y"] - row)
             made = made[np.sort(np.argsort(away, kind="stable")[:MAX_PIECES])]
-        return weights, Pieces(made.tobytes())
+        return weights, share, Pieces(made.tobytes())
 
 
 def _blocks(points: Points) -> NDArray[np.int64]:

@@ -2,10 +2,14 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clustermcl.filter.laser.evidence_model import (
+    UsualFit,
     evidence_weight,
     residual,
+    short_beam_gain,
     way,
 )
 from clustermcl.filter.poses import between
@@ -37,3 +41,38 @@ def test_the_way_of_a_motion_is_its_distance_and_its_wrapped_turn() -> None:
     assert way(between(before, after)) == pytest.approx((0.5, 0.1))
     assert way(between(after, before)) == pytest.approx((0.5, 0.1))
     assert way(between(before, before)) == (0.0, 0.0)
+
+
+def fit_after(*scans: float) -> UsualFit:
+    """The usual fit after these scans; all are far apart."""
+    fit = UsualFit()
+    for scan in scans:
+        fit = fit.after(scan, 1.0)
+    return fit
+
+
+def test_a_fall_of_the_fit_beyond_its_variation_is_detected_at_once() -> None:
+    steady = [3.0, 3.2] * 20
+    assert not fit_after(*steady, -12.0).has_fallen
+    assert fit_after(*steady, -15.0).has_fallen
+    assert not fit_after(*[-20.0, 3.0] * 20, -20.0, -20.0).has_fallen, "among people it varies"
+
+
+def test_a_fit_that_falls_from_scan_to_scan_is_not_detected() -> None:
+    assert not fit_after(*np.linspace(3.0, -30.0, 40).tolist()).has_fallen
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=50), st.floats(0.0, 1.0))
+def test_the_usual_fit_stays_finite_for_any_scans(scans: list[float], news: float) -> None:
+    fit = UsualFit()
+    for scan in scans:
+        fit = fit.after(scan, news)
+    assert fit.mean is not None
+    assert math.isfinite(fit.mean + fit.shortfall)
+    assert fit.variance > 0.0
+
+
+def test_short_beams_gain_where_people_have_stood_before_and_nowhere_else() -> None:
+    settings = SensorSettings()
+    assert short_beam_gain(0.0, settings) == short_beam_gain(0.01, settings) == 0.0
+    assert 1.5 < short_beam_gain(0.1, settings) < short_beam_gain(0.5, settings) < 4.0

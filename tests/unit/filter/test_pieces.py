@@ -19,31 +19,32 @@ def seen(*ends: np.ndarray, robot: tuple[float, float] = (0.1, 0.1)) -> np.ndarr
 def test_a_piece_of_wall_counts_once_however_long_the_robot_looks_at_it() -> None:
     pieces, total = Pieces(), 0.0
     for scans in range(1, 200):
-        weights, pieces = pieces.after(seen(WALL))
+        weights, share, pieces = pieces.after(seen(WALL))
         total += weights.sum()
+        assert share == pytest.approx(weights.sum() / (2 / (2 + DOUBTFUL))), "of all that is seen"
         assert weights[0] == weights[1]
         assert total == pytest.approx(2 * scans / (2 * scans + DOUBTFUL))
     assert pieces.problem is None
 
 
 def test_other_pieces_count_in_full() -> None:
-    first, pieces = Pieces().after(seen(WALL))
-    again, _ = pieces.after(seen(WALL + np.array([0.0, PIECE_M]), robot=(0.1, 0.1 + PIECE_M)))
+    first, _, pieces = Pieces().after(seen(WALL))
+    again, _, _ = pieces.after(seen(WALL + np.array([0.0, PIECE_M]), robot=(0.1, 0.1 + PIECE_M)))
     assert again == pytest.approx(first)
 
 
 def test_what_later_beams_pass_was_no_wall() -> None:
-    _, pieces = Pieces().after(seen(WALL))
+    _, _, pieces = Pieces().after(seen(WALL))
     for _ in range(5):
-        _, pieces = pieces.after(seen(np.array([[8.1, 0.1]])))
-    weights, _ = pieces.after(seen(WALL))
+        _, _, pieces = pieces.after(seen(np.array([[8.1, 0.1]])))
+    weights, _, _ = pieces.after(seen(WALL))
     assert weights.sum() == pytest.approx(4 / (4 + 5 + DOUBTFUL) - 2 / (2 + 5 + DOUBTFUL))
 
 
 def test_a_memory_that_is_handed_on_continues_with_the_same_results() -> None:
-    _, pieces = Pieces().after(seen(WALL))
-    weights, after = pieces.after(seen(WALL + 0.3))
-    again, same = Pieces(bytes(pieces.rows)).after(seen(WALL + 0.3))
+    _, _, pieces = Pieces().after(seen(WALL))
+    weights, _, after = pieces.after(seen(WALL + 0.3))
+    again, _, same = Pieces(bytes(pieces.rows)).after(seen(WALL + 0.3))
     np.testing.assert_array_equal(again, weights)
     assert same == after
 
@@ -53,10 +54,10 @@ def test_the_memory_is_bounded_and_forgets_what_is_far() -> None:
     line = np.column_stack((np.arange(600) * PIECE_M, np.zeros(600)))
     for row in range(5):
         far = line + np.array([0.0, 100.0 * row])
-        _, pieces = pieces.after(np.concatenate((far[:1], far)))
+        _, _, pieces = pieces.after(np.concatenate((far[:1], far)))
         assert pieces.problem is None
     assert len(pieces.rows) == 16 * MAX_PIECES
-    forgotten, _ = pieces.after(np.concatenate((line[:1], line)))
+    forgotten, _, _ = pieces.after(np.concatenate((line[:1], line)))
     assert forgotten.sum() == pytest.approx(len(line) / (1.0 + DOUBTFUL)), "new once more"
 
 
@@ -69,9 +70,10 @@ def test_the_memory_is_bounded_and_forgets_what_is_far() -> None:
 def test_any_ends_give_shares(scans: list[np.ndarray]) -> None:
     pieces = Pieces()
     for scan in scans:
-        weights, pieces = pieces.after(scan)
+        weights, share, pieces = pieces.after(scan)
         assert len(weights) == 6
         assert ((weights >= 0.0) & (weights <= 1.0)).all()
+        assert 0.0 <= share <= 1.0 + 1e-9
         assert pieces.problem is None
     assert math.isfinite(len(pieces.rows))
 

@@ -99,6 +99,25 @@ def test_after_a_kidnapping_it_is_lost_at_once_and_found_by_the_search_that_begi
     assert outcome.state == "ambiguous"
 
 
+def test_a_sudden_fall_of_the_fit_begins_a_search_whose_places_become_alternatives() -> None:
+    """At a place that looks alike but for furniture a scan still fits far better than elsewhere.
+
+    If the search finds nothing better, this fit is usual from then on.
+    """
+    for here in (0.01, 0.99):
+        made = bootstrapped({NORTH: 0.999}, search_every_steps=1000)
+        for step in range(1, 30):
+            assert made.advance(step, at_north(step, 3.0, -25.0)).state == "localized"
+        lifted = made.advance(30, at_north(30, -20.0, -25.0))
+        assert lifted.elsewhere_probability == pytest.approx(0.1, abs=0.02)
+        assert set(lifted.begin) == {"s1.0"}
+        found = searched("s1.0", 31, {NORTH: here, SOUTH: 1.0 - here}, log_evidence=-12.0)
+        outcome = made.advance(31, [*at_north(31, -20.0, -20.0), found])
+        assert believed(outcome).get(1, 0.0) == pytest.approx(0.1 * (1.0 - here), abs=0.02)
+        outcome = made.advance(32, at_north(32, -20.0, -25.0))
+        assert not outcome.searching
+
+
 def test_after_a_false_alarm_a_search_leaves_the_belief_where_it_was() -> None:
     """The scans fit again before the search ends, and it finds where the cluster is."""
     made = bootstrapped({NORTH: 0.999}, search_every_steps=1000)
@@ -152,6 +171,7 @@ def test_a_given_pose_replaces_the_belief() -> None:
     [
         ([-2.0] * 30, -6.0, False),
         ([-15.0] * 30, -6.0, True),
+        ([3.0] * 15 + [-20.0] * 15, -40.0, True),  # it was lifted to a place that looks alike
         ([3.0] * 10 + [3.0 - step for step in range(20)], -40.0, False),  # the building changed
     ],
 )
