@@ -52,11 +52,16 @@ def admission(
     log_weight: float,
     settings: FilterSettings,
     *,
+    is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
     is_given: bool = False,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
+
+    When the search is over, its places get a trial weight: the belief may have lost the robot
+    without noticing. A place too near to a cluster for a search to separate them is more likely
+    that cluster's own, and gets no trial.
 
     Args:
         pool: the places of the search.
@@ -64,6 +69,7 @@ def admission(
         room: probabilities of the clusters that may be replaced, least first; 0 is a free place.
         log_weight: log weight of all places of the search together, relative to the belief.
         settings: distances at which places count as one.
+        is_over: the search takes no further scans.
         holds_own: some clusters are places of this search; they give the search its weight.
         most: largest probability of all new clusters together, used to decide which clusters they
             may replace.
@@ -76,10 +82,15 @@ def admission(
     is_held = is_near(pool.mean, held, reach_m, reach_rad)
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
-    weight = share * math.exp(min(log_weight, MOST_LOG))
+    is_tracked = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
+    earned = math.exp(min(log_weight, MOST_LOG))
+    has_trial = is_over and not holds_own
+    on_trial = max(earned, rules.candidate_probability) if has_trial else earned
+    weight = share * np.where(is_tracked, earned, on_trial)
     least = STANDS_OUT if is_given and not holds_own else 0.0
     enough = (share > 0.0) & (share >= least) & (weight >= rules.least_probability)
     eligible = np.flatnonzero(~is_held & enough)
+    eligible = eligible[np.argsort(-weight[eligible], kind="stable")]
     total = math.fsum(weight[eligible])
     got = min(1.0, most / total) if total > 0.0 else 1.0
     entering = [

@@ -74,7 +74,7 @@ def weigh(
     among, log_scan = update.among_clusters(among)
     ledger.note_update("scan", among, log_here, log_there, log_off)
     log_scan += update.cut_short(among)
-    if float(among.max()) + log_here >= math.log(held.rules.localized_probability):
+    if log_here >= math.log(held.rules.localized_probability):
         held.fit = held.fit.after(log_scan, news)
     odds = update.log_odds_of_here(among, decoy)
     misses = update.missed(among)

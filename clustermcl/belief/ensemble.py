@@ -305,7 +305,7 @@ class Ensemble(Part, kw_only=True):
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            self._admit_candidates(fresh, step)
+            self._admit_candidates(fresh, step, is_over=is_over)
         if is_over:
             self.events += self.search.stop(step, "search over")
 
@@ -329,7 +329,7 @@ class Ensemble(Part, kw_only=True):
         self.clusters.take_from_elsewhere(self.search.evidence.newly_explained(explained))
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
-    def _admit_candidates(self, pool: Pool, step: int) -> None:
+    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
         """Admit places that no cluster holds; their probability is taken from elsewhere.
 
         Once some places of the search are clusters, their probability is shared with later ones.
@@ -351,6 +351,7 @@ class Ensemble(Part, kw_only=True):
             log_weight,
             settings,
             holds_own=bool(own),
+            is_over=is_over,
             most=most,
             is_given=self.clusters.on_map and not self._is_elsewhere,
         )
@@ -393,7 +394,7 @@ class Ensemble(Part, kw_only=True):
         step, log_weight = pool.step, self.clusters.log_elsewhere
         held = [cluster.pose for cluster in self.clusters.all()]
         room = self.clusters.room()
-        found = admission(pool, held, room, log_weight, self.settings)
+        found = admission(pool, held, room, log_weight, self.settings, is_over=False)
         if found.entering:
             self.clusters.take_from_elsewhere(found.explained)
             entering: list[Candidate] = [(place, "observed") for place in found.entering]

@@ -16,24 +16,22 @@ def checked(report: Report, settings: FilterSettings) -> Report:
     Raises:
         MalformedMessageError: the report has more places, or particles of them, than allowed.
     """
-    rules = settings.search
-    match report:
-        case SearchReport(places=found):
-            places, particles = len(found), found.particles.shape[0]
-            most = rules.places
-            most_particles = rules.places_with_particles * rules.hand_over_particles + rules.places
-        case _:
-            return report
-    if places > most or particles > most_particles:
-        raise MalformedMessageError(
-            expected=type(report).__name__,
-            problem=f"{places} places and {particles} particles of them, "
-            f"at most {most} and {most_particles} by the settings",
-            kind="more than its job allows",
-        )
-    snapshot = report.snapshot if isinstance(report, TrackReport) else None
-    is_large = snapshot and snapshot.log_weights.shape[0] > settings.cluster.particles
-    return replace(report, snapshot=None) if is_large else report
+    if isinstance(report, TrackReport):
+        snapshot = report.snapshot
+        is_large = snapshot and snapshot.log_weights.shape[0] > settings.cluster.particles
+        return replace(report, snapshot=None) if is_large else report
+    if isinstance(report, SearchReport):
+        rules, found = settings.search, report.places
+        places, particles = len(found), found.particles.shape[0]
+        most_particles = rules.places_with_particles * rules.hand_over_particles + rules.places
+        if places > rules.places or particles > most_particles:
+            raise MalformedMessageError(
+                expected="SearchReport",
+                problem=f"{places} places and {particles} particles of them, "
+                f"at most {rules.places} and {most_particles} by the settings",
+                kind="more than its job allows",
+            )
+    return report
 
 
 def without_malformed_jobs(state: WorkerState) -> WorkerState:

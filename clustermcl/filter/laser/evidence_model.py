@@ -84,7 +84,7 @@ class UsualFit(msgspec.Struct, frozen=True):
 
     mean: Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)] | None = None
     """Mean of the scans' log-likelihoods [nat]; None: before the first scan."""
-    variance: NotNegative = _VARIANCE
+    variance: Annotated[float, Meta(gt=0.0, le=sys.float_info.max)] = _VARIANCE
     """Variance of the scans' log-likelihoods [nat^2]."""
     shortfall: NotNegative = 0.0
     """Sum over the last scans of how much worse they fitted than chance explains [nat]."""

@@ -49,7 +49,7 @@ SETTINGS = FilterSettings(
         places=8,
         places_with_particles=4,
     ),
-    belief=BeliefSettings(max_clusters=4, search_every_steps=6),
+    belief=BeliefSettings(max_clusters=4, search_every_steps=6, candidate_probability=0.05),
 )
 WorkerEvent: TypeAlias = Callable[[Worker], list[worker_instructions.Instruction]]
 EVENT_NS = 1_000_000

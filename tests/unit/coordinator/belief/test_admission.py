@@ -25,6 +25,7 @@ SETTINGS = FilterSettings(
         max_clusters=4,
         merge_distance_m=0.5,
         merge_heading_rad=0.35,
+        candidate_probability=0.02,
         least_probability=0.001,
     ),
 )
@@ -32,25 +33,28 @@ HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 FAR, FARTHER, LEAST = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
 NEARBY = (0.7, 0.0, 0.0)
 """From the held place: no longer the same, but too near for a search to separate them."""
+NO_EVIDENCE = -math.inf
 
 
 def pool(*found: tuple[float, PoseTuple]) -> Pool:
     return pool_of(*found, step=7)
 
 
-def own(found: Pool, log_weight: float) -> Admission:
+def own(found: Pool, log_weight: float, *, is_over: bool = False) -> Admission:
     """Of the search that found the clusters."""
-    return admission(found, HELD, (0.0,) * 4, log_weight, SETTINGS, holds_own=True)
+    return admission(found, HELD, (0.0,) * 4, log_weight, SETTINGS, is_over=is_over, holds_own=True)
 
 
 def entered(
     found: Pool,
     log_weight: float,
     room: tuple[float, ...] = (0.0,) * 4,
+    *,
+    is_over: bool = False,
     **belief: object,
 ) -> dict[PoseTuple, float]:
     rules = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
-    fresh = admission(found, HELD, room, log_weight, rules).entering
+    fresh = admission(found, HELD, room, log_weight, rules, is_over=is_over).entering
     return {place.pose: place.share for place in fresh}
 
 
@@ -63,7 +67,9 @@ def test_places_with_almost_no_share_replace_no_cluster() -> None:
     for log_weight, most, come in (
         (50.0, math.inf, 3), (50.0, 3e-4, 2), (50.0, 1e-20, 1), (-1.0, 1e-20, 1),
     ):  # fmt: skip
-        came = admission(found, HELD, room, log_weight, SETTINGS, holds_own=True, most=most)
+        came = admission(
+            found, HELD, room, log_weight, SETTINGS, is_over=False, holds_own=True, most=most
+        )
         assert len(came.entering) == come
 
 
@@ -74,11 +80,32 @@ def test_the_weight_of_a_place_is_its_share_of_the_search() -> None:
     assert weights == pytest.approx({FAR: 1.05, FARTHER: 0.75})
 
 
+def on_trial(found: Pool, log_weight: float, **belief: object) -> dict[PoseTuple, float]:
+    return entered(found, log_weight, is_over=True, **belief)
+
+
+def test_places_of_a_finished_search_have_at_least_the_configured_probability() -> None:
+    found = pool((0.5, FAR), (0.3, HELD[0]), (0.1, FARTHER), (0.04, LEAST))
+    trial = {FAR: 0.01, FARTHER: 0.002}
+    assert on_trial(found, NO_EVIDENCE) == pytest.approx(trial), "0.0008 is too improbable"
+    assert entered(found, NO_EVIDENCE) == {}, "it may yet see what distinguishes them"
+    assert on_trial(found, NO_EVIDENCE, candidate_probability=0.0) == {}
+    earned = {FAR: 0.05, FARTHER: 0.01, LEAST: 0.004}
+    assert on_trial(found, math.log(0.1)) == pytest.approx(earned), "it is worth more"
+
+
 def test_beside_a_given_place_only_one_that_stands_out_enters() -> None:
     found, room = pool((0.5, FAR), (0.3, HELD[0]), (0.1, FARTHER), (0.04, LEAST)), (0.0,) * 4
-    for log_weight in (-5.0, 20.0):
-        came = admission(found, HELD, room, log_weight, SETTINGS, is_given=True)
+    for log_weight in (NO_EVIDENCE, 20.0):
+        came = admission(found, HELD, room, log_weight, SETTINGS, is_over=True, is_given=True)
         assert [place.pose for place in came.entering] == [FAR]
+
+
+def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability() -> None:
+    found = pool((0.5, FAR), (0.4, HELD[0]))
+    for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
+        admitted = own(found, log_weight, is_over=True)
+        assert [place.share for place in admitted.entering] == pytest.approx(came)
 
 
 def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
@@ -89,6 +116,12 @@ def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     turned = (0.0, 0.0, 0.45)
     came = own(pool((0.6, turned), (0.4, FAR)), 0.0)
     assert [place.pose for place in came.entering] == [FAR], "nor does a search resolve headings"
+
+
+def test_a_place_next_to_a_cluster_enters_only_by_its_weight() -> None:
+    found = pool((0.6, NEARBY), (0.4, FAR))
+    assert on_trial(found, NO_EVIDENCE) == pytest.approx({FAR: 0.008})
+    assert on_trial(found, math.log(0.1)) == pytest.approx({NEARBY: 0.06, FAR: 0.04})
 
 
 def test_a_place_is_near_only_if_both_position_and_heading_are() -> None:
@@ -114,7 +147,7 @@ def test_places_that_are_too_improbable_do_not_enter() -> None:
 def test_the_weight_of_entered_and_held_places_is_explained() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.2, FARTHER))
     for room, explained in (((), 0.4), ((0.0,), 0.75), ((0.0,) * 3, 0.95)):
-        came = admission(found, HELD, room, 0.0, SETTINGS)
+        came = admission(found, HELD, room, 0.0, SETTINGS, is_over=False)
         assert came.explained == pytest.approx(explained)
 
 
