@@ -21,7 +21,7 @@ from clustermcl.filter.cluster.cluster_filter import (
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
-from clustermcl.filter.motion.model import move
+from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.resampling import resample
@@ -163,7 +163,8 @@ class OrdinaryMCL:
         else:
             particles = self._shrunk(self.redrawn(self.particles, rng), rng)
             motion = between(before, self._odom_from_robot)
-            moved = move(particles.map_from_robot, motion, settings.motion, rng)
+            noise = standard_normals(rng, 3, len(particles.map_from_robot))
+            moved = move(particles.map_from_robot, motion, settings.motion, noise)
             particles = ParticleSet(moved, particles.log_weights)
         self.particles = self._weighed(particles, scan_beams(scan, self._model))
         self.steps += 1
