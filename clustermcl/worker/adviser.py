@@ -23,7 +23,7 @@ NICENESS = 10
 
 
 class Adviser:
-    """Computes a worker's advice, one at a time.
+    """Computes a worker's advice, one at a time; of several questions that wait, the newest.
 
     A fork has the sensor model, of tens of megabytes, without a copy, and scipy's memory ends with
     it.
@@ -32,11 +32,14 @@ class Adviser:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._child: ForkProcess | None = None
+        self._waiting: Advise | None = None
 
     def advise(self, task: Advise) -> None:
         """Compute an advice in the background, and answer its query."""
         if self._child is not None:
-            task.question.refuse("another advice is being computed; ask again")
+            if self._waiting is not None:
+                self._waiting.question.refuse("a newer question arrived; ask again")
+            self._waiting = task
             return
         context = multiprocessing.get_context("fork")
         of_parent, of_child = context.Pipe(duplex=False)
@@ -58,6 +61,9 @@ class Adviser:
             task.question.answer(outcome.result())
         except (EOFError, OSError, MalformedMessageError):
             task.question.refuse("the process that computed the advice has failed; ask again")
+        if self._waiting is not None:
+            waiting, self._waiting = self._waiting, None
+            self.advise(waiting)
 
 
 def _received(connection: Connection) -> Advice:
