@@ -54,9 +54,8 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
     with tempfile.TemporaryDirectory() as cache:
         run = InProcess(sensor_model(place.map, settings.sensor, Path(cache)), settings)
     picture = Picture({"robot": story.title, "router": "", "commands": False, "story": True})
-    grid_map = to_message(place.map, "docs")
     picture.on_link("running")
-    picture.on_map(grid_map)
+    picture.on_map(to_message(place.map, "docs"))
     events = 0
     for scan, truth in simulated_steps(simulation, settings.bridge, steps=story.steps):
         if scan.step == story.kidnap_at:
@@ -75,7 +74,7 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
                     picture.on_particles(job.cluster, job.start)
         progress(scan.step)
     picture.on_link("finished")
-    return saved_run(picture, grid_map)
+    return saved_run(picture)
 
 
 def _events(outcome: Outcome, first: int, stamp_ns: int) -> JobEvents:

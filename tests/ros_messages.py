@@ -24,7 +24,6 @@ _MESSAGES = {
         "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
         "vision_msgs/BoundingBox3D bbox\nstring id\n"
     ),
-    message_types.DETECTIONS: "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
     "apriltag_msgs/msg/AprilTagDetection": "string family\nint32 id\n",
     message_types.APRIL_TAGS: (
         "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n"

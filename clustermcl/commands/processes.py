@@ -39,7 +39,7 @@ def become(module: str, given: opt.Given, *arguments: str) -> None:
     os.execv(command[0], command)
 
 
-@opt.given_command("router")
+@opt.given_command("robot", "router")
 def view(
     given: opt.Given,
     recording: Annotated[
@@ -49,23 +49,16 @@ def view(
     save: Annotated[
         Path | None, opt.option("Write the run as one page, or as .rrd for Rerun.", "FILE.html")
     ] = None,
-    open_browser: Annotated[bool, opt.flag("--open", "Open the page in a browser here.")] = False,
     listen: opt.Listen = None,
     allow_commands: opt.AllowCommands = False,
-    robots: opt.Robots = None,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
     opt.refuse_without("a recording", recording, map=map_file, save=save)
-    if recording is not None and robots:
-        raise SettingsError("--robot: a recording is of one robot; leave it out")
     if recording is None:
-        flags = {"--allow-commands": allow_commands, "--open": open_browser}
-        words = [flag for flag, is_given in flags.items() if is_given]
-        words += [word for robot in robots or () for word in ("--robot", robot)]
+        words = ["--allow-commands"] if allow_commands else []
         become("view", given, "--listen", listen or opt.HERE, *words)
         return
     from clustermcl.view.admission import parsed_address  # noqa: PLC0415 - see the package
     from clustermcl.view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
-    address = parsed_address(listen or opt.HERE)
-    view_recording(recording, address, map_file, save, open_browser=open_browser)
+    view_recording(recording, parsed_address(listen or opt.HERE), map_file, save)

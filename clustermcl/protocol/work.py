@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, TypeAlias
 
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import MalformedMessageError
@@ -40,6 +42,14 @@ class Particles(Part, frozen=True, kw_only=True):
     """(N, 3) x [m], y [m], heading [rad]."""
     log_weights: ArrayBlob
     """(N,) log weights, not normalised."""
+
+    def resampled(self, count: int) -> NDArray[np.float64]:
+        """Return (count, 3) poses by systematic resampling without a random offset."""
+        log_weights = self.log_weights.array()
+        summed = np.cumsum(np.exp(log_weights - log_weights.max(), dtype=np.float64))
+        marks = (np.arange(count) + 0.5) / count * summed[-1]
+        chosen: NDArray[np.float64] = self.map_from_robot.array()[np.searchsorted(summed, marks)]
+        return chosen.astype(np.float64)
 
 
 class TrackJob(Part, frozen=True, kw_only=True, tag_field="kind", tag="track"):

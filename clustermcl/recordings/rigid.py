@@ -3,9 +3,6 @@
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from clustermcl.protocol.message import PoseTuple
 
 MAX_MOUNT_M = 10.0
@@ -45,10 +42,6 @@ class Rigid(NamedTuple):
         back = Rigid(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
         x, y, z = back._turned(-self.x, -self.y, -self.z)
         return back._replace(x=x, y=y, z=z)
-
-    def rotation(self) -> NDArray[np.float64]:
-        axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        return np.array([self._turned(*axis) for axis in axes]).T
 
     def towards(self, end: "Rigid", share: float) -> "Rigid":
         """Interpolate to `end`, rotations by slerp; a share of 0 gives this transform, 1 `end`."""

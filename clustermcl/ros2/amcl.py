@@ -1,6 +1,6 @@
-"""AMCL's node without input and output: takes messages, yields outputs. No network, clock, log."""
+"""What AMCL's node does with messages and beliefs. No network, clock or log of its own."""
 
-from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,36 +21,32 @@ from clustermcl.recordings.headers import frame_name, time_of
 from clustermcl.recordings.maps.map_message import grid_map_of
 from clustermcl.recordings.rigid import rigid_of
 from clustermcl.recordings.transforms import Kept, TransformMissingError, TransformTree
-from clustermcl.ros2 import laser_scans, messages_out, observing, topics
 from clustermcl.ros2 import message_types as types
-from clustermcl.ros2.initial_pose import given_pose, initial_pose
+from clustermcl.ros2 import messages_in, messages_out, topics
 from clustermcl.ros2.message_types import new
-from clustermcl.ros2.outputs import NO_ID, SENDER, Output, Publish, Refused
-from clustermcl.ros2.particles import ClusterParticles
 from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice, on_floor
+from clustermcl.ros2.sides import NO_ID, SENDER, Engine, Ros
 from clustermcl.ros2.tf_queue import TfQueue
 from clustermcl.ros2.topics import Topic
 from clustermcl.runtime.settings import Ros2Settings
 
 
 class Amcl:
-    """Localization node with AMCL's behaviour.
+    """Localization node with AMCL's behaviour. Each `on_...` method takes one message or event."""
 
-    Each `on_...` method takes one message and yields what the process is to do.
-    """
-
-    def __init__(self, settings: Ros2Settings, name: str = "amcl") -> None:
-        self.settings, self.name = settings, name
+    def __init__(self, settings: Ros2Settings, ros: Ros, engine: Engine, name: str) -> None:
+        self.settings, self._ros, self._engine, self._name = settings, ros, engine, name
         self.is_active = False
         self.belief: Belief | None = None
         self.last_pose: PoseTuple | None = None
         self._unpublished: Belief | None = None
         self._frames = TransformTree()
-        self._waiting = TfQueue()
-        self._observing = observing.Observing(self._frames, settings)
+        self._waiting = TfQueue(ros.refuse)
+        self._in = messages_in.MessagesIn(self._frames, settings)
         self._place = MapFromOdom()
         self.choice = PoseChoice(settings.publish)
-        self._particles = ClusterParticles()
+        self._particles: dict[int, Particles] = {}
+        """The newest of each cluster; workers report them every tenth step."""
         self._odometry_ns: int | None = None
         self._published_ns: int | None = None
         self._map_digest = ""
@@ -62,26 +58,22 @@ class Amcl:
 
     def use(self, settings: Ros2Settings) -> None:
         """Change the settings; names of topics and frames stay the same."""
-        self.settings = self._observing.settings = settings
+        self.settings = self._in.settings = settings
         self.choice.publish = settings.publish
 
     # --- lifecycle
 
-    def activate(self) -> Iterator[Output]:
+    def activate(self) -> None:
         """Start, with the pose given while inactive, else with the one in the settings."""
         self.is_active = True
         if self._remembered_pose is not None:
             remembered, self._remembered_pose = self._remembered_pose, None
-            yield from self.on_initial_pose(remembered)
+            self.on_initial_pose(remembered)
         elif self.settings.set_initial_pose:
-            yield initial_pose(self.settings)
+            self._engine.command(messages_in.initial_pose(self.settings))
         elif self._was_reset and self.settings.always_reset_initial_pose:
-            yield Relocalize(sender=SENDER, command_id=NO_ID)
+            self._engine.command(Relocalize(sender=SENDER, command_id=NO_ID))
         self._was_reset = False
-
-    def resume(self, held: int | None) -> None:
-        """Continue in place of a killed bridge, which published the cluster `held` as the pose."""
-        self.is_active, self.choice.held = True, held
 
     def deactivate(self) -> None:
         self.is_active = False
@@ -94,94 +86,94 @@ class Amcl:
 
     # --- from ROS
 
-    def on_clock_set_back(self, back_ns: int) -> Iterator[Output]:
+    def on_clock_set_back(self, back_ns: int) -> None:
         self._frames.forget_moving()
-        yield from self._on_set_back(f"/clock goes back by {back_ns / 1e9:.3f} s")
+        self._on_set_back(f"/clock goes back by {back_ns / 1e9:.3f} s")
 
-    def on_transforms(self, message: Any, now_ns: int, *, fixed: bool) -> Iterator[Output]:
+    def on_transforms(self, message: Any, *, fixed: bool) -> None:
         """Handle a `tf2_msgs/TFMessage`; `fixed`: it came on `/tf_static`."""
         for one in message.transforms:
             parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
             if (parent, child) == (self.settings.global_frame, self.settings.odom_frame):
-                yield Refused(Cause.OTHER_LOCALIZER, f"{parent!r} -> {child!r} in tf")
+                self._ros.refuse(Cause.OTHER_LOCALIZER, f"{parent!r} -> {child!r} in tf")
                 continue
             try:
                 link = rigid_of(one.transform.translation, one.transform.rotation)
                 stamp_ns = time_of(one.header.stamp)
             except ValueError as problem:
-                yield Refused(Cause.TRANSFORM_REFUSED, f"{parent!r} -> {child!r}: {problem}")
+                self._ros.refuse(Cause.TRANSFORM_REFUSED, f"{parent!r} -> {child!r}: {problem}")
                 continue
             match self._frames.add(stamp_ns, parent, child, link, fixed=fixed):
                 case Kept.NO:
-                    yield Refused(Cause.LATE_TRANSFORM, f"{parent!r} -> {child!r} at {stamp_ns} ns")
+                    late = f"{parent!r} -> {child!r} at {stamp_ns} ns"
+                    self._ros.refuse(Cause.LATE_TRANSFORM, late)
                 case Kept.CLOCK_SET_BACK:
-                    yield from self._on_set_back(f"tf from {parent!r} to {child!r} goes back")
-        yield from self._odometry()
-        yield from self.on_tick(now_ns)
+                    self._on_set_back(f"tf from {parent!r} to {child!r} goes back")
+        self._send_odometry()
+        self.use_waiting()
 
-    def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
+    def on_scan(self, message: Any) -> None:
         """Handle a `sensor_msgs/LaserScan`; it may wait for its transforms."""
         if not self.is_active:
             return
+        laser, most = repr(frame_name(message.header.frame_id)), messages_in.MOST_SCANS
+        convert = partial(self._in.laser_reading, message)
+        self._waiting.add("laser scan", laser, convert, self._ros.monotonic_ns(), most)
+        self.use_waiting()
 
-        def convert() -> LaserReading:
-            return laser_scans.laser_reading(message, self._frames, self.settings)
-
-        laser, most = repr(frame_name(message.header.frame_id)), laser_scans.MAX_WAITING
-        yield from self._waiting.add("laser scan", laser, convert, now_ns, most)
-        yield from self.on_tick(now_ns)
-
-    def on_map(self, message: Any) -> Iterator[Output]:
+    def on_map(self, message: Any) -> None:
         """Handle a `nav_msgs/OccupancyGrid`."""
         if self._map_digest and self.settings.first_map_only:
             return
-        frame = frame_name(message.header.frame_id)
-        if frame != self.settings.global_frame:
-            expected = self.settings.global_frame
-            yield Refused(Cause.MAP_OTHER_FRAME, f"{frame!r}, not {expected!r}; used anyway")
+        frame, expected = frame_name(message.header.frame_id), self.settings.global_frame
+        if frame != expected:
+            self._ros.refuse(Cause.MAP_OTHER_FRAME, f"{frame!r}, not {expected!r}; used anyway")
         try:
             grid_map = grid_map_of(message)
         except ValueError as problem:
-            yield Refused(Cause.MAP_REFUSED, str(problem))
+            self._ros.refuse(Cause.MAP_REFUSED, str(problem))
             return
         if grid_map.digest != self._map_digest:
             self._map_digest = grid_map.digest
             for remark in grid_map.remarks:
-                yield Refused(Cause.MAP_ODDS, remark)
+                self._ros.refuse(Cause.MAP_ODDS, remark)
             occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
-            yield MapReading(
+            reading = MapReading(
                 sender=SENDER,
                 cell_m=grid_map.cell_m,
                 map_from_grid=grid_map.map_from_grid,
                 occupancy=ArrayBlob.of(occupancy, "int8"),
             )
+            self._engine.put(reading)
 
-    def on_initial_pose(self, message: Any) -> Iterator[Output]:
+    def on_initial_pose(self, message: Any) -> None:
         """Handle a `geometry_msgs/PoseWithCovarianceStamped`; while inactive it is kept."""
         if not self.is_active:
             self._remembered_pose = message
             return
         try:
-            given = given_pose(message, self.settings, self._frames)
-            yield replace(given, floor=self.choice.floor or self.settings.initial_floor)
+            given = self._in.given_pose(message)
         except ValueError as problem:
-            yield Refused(Cause.POSE_REFUSED, str(problem))
+            self._ros.refuse(Cause.POSE_REFUSED, str(problem))
+            return
+        floor = self.choice.floor or self.settings.initial_floor
+        self._engine.command(replace(given, floor=floor))
 
-    def on_observed(self, message: Any, topic: Topic, now_ns: int) -> Iterator[Output]:
-        """Handle a message of another sensor, see `Observing`; it may wait for its transforms."""
+    def on_observed(self, message: Any, topic: Topic) -> None:
+        """Handle a pose by another sensor, or tags; it may wait for its transforms."""
         if not self.is_active:
             return
-        for convert in self._observing.conversions(message, topic):
-            most = observing.MAX_WAITING
-            yield from self._waiting.add("observation", topic.name, convert, now_ns, most)
-        yield from self.on_tick(now_ns)
+        most, now_ns = messages_in.MOST_OBSERVATIONS, self._ros.monotonic_ns()
+        for convert in self._in.observations(message, topic):
+            self._waiting.add("observation", topic.name, convert, now_ns, most)
+        self.use_waiting()
 
-    # --- from the system
+    # --- from the engine
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        self._particles.on_particles(cluster, particles)
+        self._particles[cluster] = particles
 
-    def on_belief(self, belief: Belief) -> Iterator[Output]:
+    def on_belief(self, belief: Belief) -> None:
         """Handle the belief after a step: publish the pose; `all_places` publishes all places."""
         if self.belief is not None and belief.term < self.belief.term:
             return  # from a coordinator that has been replaced
@@ -196,43 +188,46 @@ class Amcl:
         stamp_ns, frame = belief.stamp_ns, self.settings.global_frame
         if chosen is not None:
             message = messages_out.pose_stamped(chosen.pose, chosen.covariance, stamp_ns, frame)
-            yield Publish(topics.AMCL_POSE, message)
+            self._ros.publish(topics.AMCL_POSE, message)
             self.last_pose = chosen.pose
             if chosen.floor != self._floor:
                 self._floor = chosen.floor
-                yield Publish(topics.FLOOR, new(types.STRING, data=chosen.floor))
-        yield Publish(topics.STATE, new(types.STRING, data=belief.state))
-        yield Publish(topics.PROBABILITY, new(types.FLOAT64, data=belief.probability))
+                self._ros.publish(topics.FLOOR, new(types.STRING, data=chosen.floor))
+        self._ros.publish(topics.STATE, new(types.STRING, data=belief.state))
+        self._ros.publish(topics.PROBABILITY, new(types.FLOAT64, data=belief.probability))
 
-    def all_places(self, *, with_cloud: bool = True) -> Iterator[Output]:
+    def all_places(self) -> None:
         """Publish all places of the newest belief, once; this is not urgent."""
         belief, frame = self._unpublished, self.settings.global_frame
         self._unpublished = None
         if belief is None or not self.is_active:
             return
         belief = on_floor(belief, self.choice.floor or belief.floor)
-        places = messages_out.detection(belief, frame, self.name)
-        yield Publish(topics.HYPOTHESIS_DETECTION, places)
-        yield Publish(topics.HYPOTHESES, messages_out.markers(belief, frame))
-        if with_cloud and (cloud := self._particles.cloud(belief)) is not None:
+        places = messages_out.detection(belief, frame, self._name)
+        self._ros.publish(topics.HYPOTHESIS_DETECTION, places)
+        self._ros.publish(topics.HYPOTHESES, messages_out.markers(belief, frame))
+        kept = {one.cluster for one in belief.hypotheses} & self._particles.keys()
+        self._particles = {cluster: self._particles[cluster] for cluster in kept}
+        is_heard = self._ros.is_heard(topics.PARTICLE_CLOUD)
+        if is_heard and (cloud := messages_out.mixed(belief, self._particles)) is not None:
             message = messages_out.particle_cloud(*cloud, belief.stamp_ns, frame)
-            yield Publish(topics.PARTICLE_CLOUD, message)
+            self._ros.publish(topics.PARTICLE_CLOUD, message)
 
-    def on_advice(self, advice: Advice) -> Iterator[Output]:
+    def on_advice(self, advice: Advice) -> None:
         """Publish the best way in the odometry frame; an empty path if there is none."""
         poses: list[PoseTuple] = []
         if advice.ways:
             ahead = compose(np.array(advice.odom_from_robot), np.array(advice.ways[0].poses))
             poses = list(map(pose_tuple, ahead))
         if advice.note:
-            yield Refused(Cause.ADVICE, advice.note)
+            self._ros.refuse(Cause.ADVICE, advice.note)
         path = messages_out.path(poses, advice.stamp_ns, self.settings.odom_frame)
-        yield Publish(topics.ADVICE, path)
+        self._ros.publish(topics.ADVICE, path)
 
     # --- helpers
 
-    def _odometry(self) -> Iterator[Output]:
-        """Yield the newest odometry, unless it was yielded before."""
+    def _send_odometry(self) -> None:
+        """Send the newest odometry, unless it was sent before."""
         odom, base = self.settings.odom_frame, self.settings.base_frame
         stamp_ns = self._frames.newest_ns(odom, base)
         if stamp_ns is None or (self._odometry_ns is not None and stamp_ns <= self._odometry_ns):
@@ -243,20 +238,25 @@ class Amcl:
         except TransformMissingError:  # one of several links begins later
             return
         if pose_problem(pose):
-            yield Refused(Cause.ODOMETRY_REFUSED, f"{pose} is out of range")
+            self._ros.refuse(Cause.ODOMETRY_REFUSED, f"{pose} is out of range")
             return
         if self._place.on_odometry(stamp_ns, pose):
             self._frames.keep_newest()  # do not interpolate across the jump
-            yield Refused(Cause.ODOMETRY_JUMPED, f"to {pose}; map -> odom compensates for it")
+            jump = f"to {pose}; map -> odom compensates for it"
+            self._ros.refuse(Cause.ODOMETRY_JUMPED, jump)
         if self.is_active:
-            yield OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose)
+            reading = OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose)
+            self._engine.put(reading)
 
-    def on_tick(self, now_ns: int) -> Iterator[Output]:
+    def use_waiting(self) -> None:
         """Use what has its transforms now; refuse what has waited for them too long."""
-        for reading in self._waiting.ready(now_ns, self.settings.transform_tolerance_s):
-            yield reading
+        tolerance_s = self.settings.transform_tolerance_s
+        for reading in self._waiting.ready(self._ros.monotonic_ns(), tolerance_s):
             if not isinstance(reading, LaserReading):
+                floor = "" if reading.landmark else self.choice.floor
+                self._engine.put(replace(reading, floor=floor))
                 continue
+            self._engine.put(reading)
             assert reading.odom_from_robot is not None  # `laser_reading` looks it up
             self._place.on_scan(reading.stamp_ns, reading.odom_from_robot)
             map_from_odom = self._place.place(reading.odom_from_robot)
@@ -264,13 +264,13 @@ class Amcl:
             is_wanted = self.settings.tf_broadcast and not self.waits_for_map
             if map_from_odom is not None and is_newer and is_wanted:
                 self._published_ns = reading.stamp_ns
-                until_ns = reading.stamp_ns + round(self.settings.transform_tolerance_s * 1e9)
+                until_ns = reading.stamp_ns + round(tolerance_s * 1e9)
                 names = (self.settings.global_frame, self.settings.odom_frame)
                 link = messages_out.transform(map_from_odom, until_ns, *names)
-                yield Publish(topics.TF, link)
+                self._ros.publish(topics.TF, link)
 
-    def _on_set_back(self, detail: str) -> Iterator[Output]:
+    def _on_set_back(self, detail: str) -> None:
         self._waiting.clear()
         self._place.forget_scans()
         self._odometry_ns = self._published_ns = None
-        yield Refused(Cause.CLOCK_SET_BACK, detail)
+        self._ros.refuse(Cause.CLOCK_SET_BACK, detail)

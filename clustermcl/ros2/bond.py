@@ -18,9 +18,9 @@ from urllib.parse import quote
 import msgspec
 
 from clustermcl.protocol.conversion import decoded
-from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import BOND_STATUS, new
 from clustermcl.ros2.messages_out import header
+from clustermcl.ros2.port import State
 from clustermcl.runtime.folders import state_folder
 
 PERIOD_S, TIMEOUT_S = 0.1, 4.0

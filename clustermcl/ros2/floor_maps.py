@@ -26,10 +26,8 @@ class FloorMaps:
 
     def on_belief(self, belief: Belief, now_ns: int) -> Path | None:
         """Return the map to load after a step; None: none."""
-        floor = belief.floor
-        if belief.state != "localized" or floor in ("", self.loaded, self.asked):
-            return None
-        if self.asked or floor not in self.files:
+        floor, is_sure = belief.floor, belief.state == "localized"
+        if not is_sure or self.asked or floor == self.loaded or floor not in self.files:
             return None
         self.asked, self.asked_ns = floor, now_ns
         return self.files[floor]

@@ -10,10 +10,8 @@ POSE_STAMPED = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH = "nav_msgs/msg/Path"
 PARTICLE_CLOUD = "nav2_msgs/msg/ParticleCloud"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
-NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 APRIL_TAGS = "apriltag_msgs/msg/AprilTagDetectionArray"
 DETECTION = "vision_msgs/msg/Detection3D"
-DETECTIONS = "vision_msgs/msg/Detection3DArray"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
 FLOAT64 = "std_msgs/msg/Float64"
@@ -39,7 +37,3 @@ def use(create: Create) -> None:
 def new(ros_type: str, **fields: Any) -> Any:
     """Create a message, or a half of a service such as `std_srvs/srv/Empty_Response`."""
     return _Library.create(ros_type, fields)
-
-
-def response_of(service: str) -> str:
-    return f"{service}_Response"

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from clustermcl.filter.poses import between, compose
 from clustermcl.protocol.answers import Belief, Hypothesis
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
+from clustermcl.protocol.work import Particles
 from clustermcl.recordings.headers import LAST_NS
 from clustermcl.recordings.rigid import flat
 from clustermcl.ros2 import message_types as types
@@ -18,6 +20,8 @@ from clustermcl.ros2.message_types import new
 
 _PLANAR = (0, 1, 5)
 """x, y and heading among the six rows of a ROS covariance."""
+CLOUD = 2_000
+"""Number of published particles, AMCL's maximum."""
 _OK, _WARNING, _ERROR = 0, 1, 2
 _COUNT = struct.Struct("<I")
 _OF_KIND = (0, 100, 50)
@@ -118,6 +122,30 @@ def detection(belief: Belief, frame: str, node_name: str) -> Any:
     ]
     stamped = header(belief.stamp_ns, frame)
     return new(types.DETECTION, header=stamped, results=results, id=node_name)
+
+
+def mixed(
+    belief: Belief, of_clusters: Mapping[int, Particles]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Sample the particles of all clusters by probability, moved by odometry to the belief.
+
+    Returns:
+        (N, 3) poses and (N,) weights that sum to one; None while no particles are known.
+    """
+    places = [place for place in belief.hypotheses if place.cluster in of_clusters]
+    total = sum(place.probability for place in places)
+    if total <= 0.0:
+        return None
+    odometry, poses, weights = np.array(belief.odom_from_robot), [], []
+    for place in places:
+        particles, count = of_clusters[place.cluster], max(1, round(CLOUD * place.probability))
+        since = between(np.array(particles.odom_from_robot), odometry)
+        moved = compose(particles.resampled(count), since)
+        if belief.floors:  # particles are in the atlas, places on their floor
+            moved[:, :2] += np.array(place.pose[:2]) - moved[:, :2].mean(axis=0)
+        poses.append(moved)
+        weights.append(np.full(count, place.probability / total / count))
+    return np.concatenate(poses), np.concatenate(weights)
 
 
 def particle_cloud(

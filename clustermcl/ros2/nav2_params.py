@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from clustermcl.protocol.errors import InputFileError
-from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, ROS1_NAMES, Value
+from clustermcl.ros2.parameter_table import PARAMETERS, ROS1_NAMES, Value
 from clustermcl.runtime.settings_file import content_of
 from clustermcl.runtime.yaml_text import yaml_of
 
@@ -64,35 +64,26 @@ def settings_of(found: Mapping[str, Any]) -> tuple[dict[str, Value], list[str]]:
             raise ValueError(f"{name} = {value!r}: {problem}") from None
         if setting is not None:
             values[parameter.setting] = setting
-        if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
-            notes.append(f"{name} = {value} {instead}")
     return values, notes
 
 
 def _of_node(tree: dict[Any, Any], path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    matched = False
-    for where, parameters in _nodes(tree):
-        if where[-1] in _ANY_NODE or where[-1].rpartition("/")[2] == _NODE:
-            # rclcpp's parameter_map_from: all that match the node, in the order of the file.
-            matched, found = True, found | dict(_flat(parameters))
-    if not matched:
-        others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
+    nodes = list(_nodes(tree))
+    # rclcpp's parameter_map_from: all that match the node, in the order of the file.
+    found = [each for node, each in nodes if node in _ANY_NODE or node.rpartition("/")[2] == _NODE]
+    if not found:
+        others = ", ".join(sorted({node for node, _ in nodes})) or "none"
         raise InputFileError(path, f"no parameters of a node {_NODE!r}; it has those of: {others}")
-    return found
+    return {name: value for each in found for name, value in _flat(each)}
 
 
-def _nodes(
-    tree: dict[Any, Any], above: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], dict[Any, Any]]]:
-    """Yield the path of each set of parameters, and the set."""
+def _nodes(tree: dict[Any, Any], node: str = "") -> Iterator[tuple[str, dict[Any, Any]]]:
+    """Yield the name of the node of each set of parameters, and the set."""
     for name, value in tree.items():
-        if not isinstance(value, dict):
-            continue
-        if name == _PARAMETERS and above:
-            yield above, value
-        elif name != _PARAMETERS:
-            yield from _nodes(value, (*above, str(name)))
+        if isinstance(value, dict) and name == _PARAMETERS and node:
+            yield node, value
+        elif isinstance(value, dict) and name != _PARAMETERS:
+            yield from _nodes(value, str(name))
 
 
 def _flat(parameters: dict[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:

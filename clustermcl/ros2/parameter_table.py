@@ -20,26 +20,19 @@ _ROS_ONLY = "it configures ROS's own middleware"
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of AMCL.
-
-    Args:
-        name: name in nav2.
-        default: default in nav2; it also determines the type.
-        setting: dotted name of our setting; empty: there is none.
-        to_setting: converts the parameter's value; returns None to leave our setting unchanged, and
-            raises `ValueError` for a value that nav2 does not accept.
-        from_setting: the inverse.
-        reason: why there is no setting.
-        many: a list of strings is accepted too.
-    """
+    """A parameter of AMCL."""
 
     name: str
     default: Value
+    """nav2's; it also determines the type."""
     setting: str = ""
+    """Dotted name of our setting; empty: there is none, for a `reason`."""
     to_setting: Callable[[Any], Value | None] = lambda value: value
+    """See `converted`, which has checked the type."""
     from_setting: Callable[[Any], Value] = lambda value: value
     reason: str = ""
     many: bool = False
+    """A list of strings is accepted too."""
 
     def converted(self, value: object) -> Value | None:
         """Return the setting's value; None: leave our setting unchanged.
@@ -64,14 +57,14 @@ class Parameter:
 
     @property
     def is_live(self) -> bool:
-        return self.setting in LIVE or self.live_name is not None
+        is_own = self.setting.startswith("ros2.") and self.setting not in _AT_START
+        return is_own or self.live_name is not None
 
     @property
     def live_name(self) -> str | None:
         """The field of `LiveSettings`; None: it is not a live setting of other processes."""
-        section, _, key = self.setting.rpartition(".")
-        is_live = section in LIVE_SECTIONS and key in LiveSettings.__struct_fields__
-        return key if is_live else None
+        key = self.setting.rpartition(".")[2]
+        return key if key in LiveSettings.__struct_fields__ else None
 
     def value(self, settings: Settings) -> Value:
         if not self.setting:
@@ -80,42 +73,24 @@ class Parameter:
         return float(value) if isinstance(self.default, float) else value
 
 
-LIVE_SECTIONS = ("bridge", "motion", "sensor")
-LIVE = frozenset(
-    f"ros2.{key}"
-    for key in (
-        *("transform_tolerance_s", "tf_broadcast", "publish"),
-        *("laser_min_range_m", "laser_max_range_m"),
-        *("first_map_only", "set_initial_pose", "always_reset_initial_pose"),
-        *("initial_x_m", "initial_y_m", "initial_heading_rad"),
-    )
-)
-
+_AT_START = (
+    "ros2.autostart", "ros2.base_frame", "ros2.global_frame", "ros2.map_topic", "ros2.odom_frame",
+    "ros2.scan_topic",
+)  # fmt: skip
 _LEFT_TO_LAUNCH = re.compile(r"\$\(.*|<\w+>")
-_ROS1_MODELS = {
-    "diff": "differential", "diff-corrected": "differential",
-    "omni": "omnidirectional", "omni-corrected": "omnidirectional",
-}  # fmt: skip
 _KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
-_PLUGINS = {
+_MOTION_MODELS = {
     "nav2_amcl::DifferentialMotionModel": "differential",
     "nav2_amcl::OmniMotionModel": "omnidirectional",
-}
-_OLD_PLUGINS = {ours: plugin for plugin, ours in _PLUGINS.items()}
-"""Names until Galactic, and by ROS 1 (`odom_model_type`)."""
+    "differential": "differential", "omnidirectional": "omnidirectional",  # until Galactic
+    "diff": "differential", "diff-corrected": "differential",  # of ROS 1
+    "omni": "omnidirectional", "omni-corrected": "omnidirectional",
+}  # fmt: skip
 _SENSOR_MODELS = {
     "likelihood_field": "likelihood_field",
     "likelihood_field_prob": "likelihood_field",
     "beam": "beam",
 }
-
-INSTEAD = {
-    ("laser_model_type", "likelihood_field_prob"): (
-        "is replaced by our likelihood_field, which multiplies the beams' likelihoods too; "
-        "no beam is skipped: sensor.occlusion_weight"
-    )
-}
-"""By parameter and value, the note for a nav2 value that works differently here."""
 
 
 def _one_of(known: dict[str, str], value: str) -> str:
@@ -124,12 +99,8 @@ def _one_of(known: dict[str, str], value: str) -> str:
     return known[value]
 
 
-def _motion_model(plugin: str) -> str:
-    return _one_of(_PLUGINS, _OLD_PLUGINS.get(_ROS1_MODELS.get(plugin, plugin), plugin))
-
-
 def _nav2_motion_model(model: str) -> str:
-    return next((plugin for plugin, ours in _PLUGINS.items() if ours == model), model)
+    return next((plugin for plugin, ours in _MOTION_MODELS.items() if ours == model), model)
 
 
 def _root(variance: float) -> float:
@@ -182,7 +153,7 @@ _ALL = (
         "robot_model_type",
         "nav2_amcl::DifferentialMotionModel",
         "motion.model",
-        _motion_model,
+        partial(_one_of, _MOTION_MODELS),
         _nav2_motion_model,
     ),
     Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),

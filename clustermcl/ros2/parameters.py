@@ -4,10 +4,9 @@ from collections.abc import Mapping
 
 import msgspec
 
-from clustermcl.filter.settings import section_with
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
-from clustermcl.ros2.parameter_table import LIVE_SECTIONS, PARAMETERS, Value
+from clustermcl.protocol.live_settings import AS_STARTED
+from clustermcl.ros2.parameter_table import PARAMETERS, Value
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 
@@ -22,17 +21,6 @@ class Parameters:
 
     def __init__(self, settings: Settings) -> None:
         self.settings, self.live = settings, AS_STARTED
-
-    def adopt(self, live: LiveSettings) -> dict[str, Value]:
-        """Take over live settings from before this node started; return changed parameters."""
-        before = self.values()
-        self.live = live
-        changed = {name: section_with(getattr(self.settings, name), live) for name in LIVE_SECTIONS}
-        self.settings = msgspec.structs.replace(self.settings, **changed)
-        return {name: value for name, value in self.values().items() if value != before[name]}
-
-    def values(self) -> dict[str, Value]:
-        return {name: parameter.value(self.settings) for name, parameter in PARAMETERS.items()}
 
     def replace(self, values: Mapping[str, Value]) -> None:
         for name, value in values.items():

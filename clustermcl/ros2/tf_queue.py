@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from clustermcl.protocol.causes import Named
+from clustermcl.protocol.causes import AnyCause, Named
 from clustermcl.protocol.steps import LaserReading, Observation
 from clustermcl.recordings.transforms import TransformMissingError
-from clustermcl.ros2.outputs import Refused
 
 Converted: TypeAlias = LaserReading | Observation
 
@@ -25,18 +24,21 @@ class _Waiting:
 
 
 class TfQueue:
-    """Queue of messages that are converted once their transforms are known."""
+    """Queue of messages that are converted once their transforms are known.
 
-    def __init__(self) -> None:
+    `refuse` is called with the cause and the text of each that cannot be used.
+    """
+
+    def __init__(self, refuse: Callable[[AnyCause, str], object]) -> None:
+        self._refuse = refuse
         self._waiting: list[_Waiting] = []
-        self._missing_since_ns: dict[str, int] = {}
 
     def clear(self) -> None:
         self._waiting.clear()
 
     def add(
         self, what: str, source: str, convert: Callable[[], Converted], now_ns: int, most: int
-    ) -> Iterator[Refused]:
+    ) -> None:
         """Queue a message; refuse the oldest of its source if more than `most` wait.
 
         `convert` returns its content, or raises a `ValueError` if it cannot be used. Refusals name
@@ -46,27 +48,23 @@ class TfQueue:
         of_source = [one for one in self._waiting if one.source == source]
         if len(of_source) > most:
             self._waiting.remove(of_source[0])
-            yield self._without_transform(of_source[0], now_ns)
+            self._refuse_late(of_source[0])
 
-    def ready(self, now_ns: int, tolerance_s: float) -> Iterator[Converted | Refused]:
-        """Remove messages whose transforms are known or late; yield contents and refusals."""
+    def ready(self, now_ns: int, tolerance_s: float) -> Iterator[Converted]:
+        """Remove messages whose transforms are known or late; yield contents, refuse the others."""
         waiting, self._waiting = self._waiting, []
         for one in waiting:
             try:
                 yield one.convert()
-                self._missing_since_ns.pop(one.source, None)
             except TransformMissingError as missing:
                 one.missing = missing
-                self._missing_since_ns.setdefault(one.source, one.since_ns)
                 if missing.may_come and now_ns - one.since_ns < tolerance_s * 1e9:
                     self._waiting.append(one)
                 else:
-                    yield self._without_transform(one, now_ns)
+                    self._refuse_late(one)
             except ValueError as problem:
-                yield Refused(Named(f"{one.what} refused"), f"{one.source}: {problem}")
+                self._refuse(Named(f"{one.what} refused"), f"{one.source}: {problem}")
 
-    def _without_transform(self, one: _Waiting, now_ns: int) -> Refused:
-        since_ns = self._missing_since_ns.get(one.source, one.since_ns)
-        waited = f"waited for {(now_ns - since_ns) / 1e9:.1f} s"
+    def _refuse_late(self, one: _Waiting) -> None:
         cause = Named(f"{one.what} without transform: {one.missing.cause}")
-        return Refused(cause, f"{one.source}, {waited}: {one.missing}")
+        self._refuse(cause, f"{one.source}: {one.missing}")

@@ -67,9 +67,7 @@ class Topics:
         self.scans = _topics(settings.scan_topic, types.LASER_SCAN, sensor_data)
         self.observed = (
             *_topics(settings.pose_topics, types.POSE_STAMPED, Qos()),
-            *_topics(settings.gnss_topics, types.NAV_SAT_FIX, sensor_data),
             *_topics(settings.tag_topics, types.APRIL_TAGS, sensor_data),
-            *_topics(settings.detection_topics, types.DETECTIONS, sensor_data),
         )
 
     def read(self) -> tuple[Topic, ...]:

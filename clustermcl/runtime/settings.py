@@ -162,17 +162,10 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Laser scans; several topics are separated by commas."""
     pose_topics: str = ""
     """Poses in the map by other sensors, separated by commas; empty: none."""
-    gnss_topics: str = ""
-    """Satellite fixes, separated by commas; they need a datum."""
-    datum: str = ""
-    """Latitude and longitude of the map's origin, and direction of its x axis, counter-clockwise
-    from east, separated by commas [deg]."""
     tag_topics: str = ""
     """Detected AprilTags, whose poses are in tf, separated by commas."""
-    detection_topics: str = ""
-    """Detected landmarks in three dimensions, separated by commas."""
     sight_sigma_per_m: Positive = 0.05
-    """Standard deviation of a detection without covariance, for each metre to it."""
+    """Standard deviation of a tag's position, for each metre to it."""
     map_topic: str = "map"
     """The map, latched."""
     global_frame: str = "map"

@@ -3,11 +3,13 @@
 Frames have no versions: only the page's scripts read them, which the same process serves.
 """
 
+import zlib
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.filter.observations.field import Field
@@ -16,11 +18,13 @@ from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.protocol.answers import Belief, Hypothesis
 from clustermcl.protocol.changes import Changes
+from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.job_events import JobEvent, NumberedEvent, Remark, event_groups
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan
 from clustermcl.protocol.why import Why, why_text
 from clustermcl.protocol.work import Particles
+from clustermcl.recordings.maps.grid_map import coarse
 
 Frame: TypeAlias = dict[str, Any]
 
@@ -32,6 +36,26 @@ MAX_CHANGES = 20_000
 """Limit for the drawn cells that have changed."""
 MAX_PARTICLES = 250
 """Limit for the drawn particles of a cluster; of more particles, a resampled set is drawn."""
+MAX_SIDE = 4096
+"""Limit for the rows and for the columns of the drawn map."""
+
+
+def reduced(message: MapMessage) -> MapMessage:
+    """Return the map with at most `MAX_SIDE` cells a side, see `coarse`.
+
+    Raises:
+        MalformedMessageError: the packed cells are damaged or too few.
+    """
+    every, size = -(-max(message.rows, message.cols) // MAX_SIDE), message.rows * message.cols
+    if every <= 1:
+        return message
+    try:
+        packed = zlib.decompressobj().decompress(message.zlib_cells, size)
+        cells = coarse(np.frombuffer(packed, np.int8).reshape(message.rows, message.cols), every)
+    except (zlib.error, ValueError) as error:
+        raise MalformedMessageError(expected="map", problem=str(error)) from error
+    (rows, cols), cell_m, packed = cells.shape, every * message.cell_m, zlib.compress(cells.data, 1)
+    return replace(message, rows=rows, cols=cols, cell_m=cell_m, zlib_cells=packed)
 
 
 def map_frame(message: MapMessage) -> Frame:
@@ -110,20 +134,13 @@ def changes_frame(changes: Changes) -> Frame:
     """Return the changed cells, of many the last seen: x [m], y [m], kind, sights, first and last
     time [s] of each."""
     newest = np.argsort(changes.times_s.array()[:, 1])[-MAX_CHANGES:]
-    cells, times_s = changes.cells.array()[newest], changes.times_s.array()[newest]
+    centres, times_s = changes.centres_m().round(3), np.rint(changes.times_s.array())
+    cells = np.column_stack([centres, changes.cells.array()[:, 1:3], times_s])
     return {
         "digest": changes.map_digest,
         "cell_m": changes.cell_m,
         "stamp_s": changes.stamp_ns / 1e9,
-        "cells": [
-            (round(x, 3), round(y, 3), *about, *when)
-            for (x, y), about, when in zip(
-                changes.centres_m()[newest].tolist(),
-                cells[:, 1:3].tolist(),
-                np.rint(times_s).tolist(),
-                strict=True,
-            )
-        ],
+        "cells": cells[newest].tolist(),
     }
 
 
@@ -190,23 +207,11 @@ def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:
     ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is the odometry pose to which
     the points belong.
     """
-    chosen = _drawn(particles.log_weights.array(), MAX_PARTICLES)
-    points = np.rint(particles.map_from_robot.array()[chosen] * (100.0, 100.0, 1000.0)).astype(
-        np.int64
-    )
+    drawn = particles.resampled(min(particles.log_weights.shape[0], MAX_PARTICLES))
+    points = np.rint(drawn * (100.0, 100.0, 1000.0)).astype(np.int64)
     return {
         "cluster": cluster,
         "step": particles.step,
         "odom": particles.odom_from_robot,
         "points": points.ravel().tolist(),
     }
-
-
-def _drawn(log_weights: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Return at most `most` indices by systematic resampling without a random offset."""
-    shares = np.cumsum(np.exp(log_weights - log_weights.max()))
-    count = min(most, len(shares))
-    drawn: NDArray[np.int64] = np.searchsorted(
-        shares, (np.arange(count) + 0.5) / count * shares[-1]
-    )
-    return drawn

@@ -2,9 +2,8 @@
 
 import logging
 import time
-from collections.abc import Mapping
+from contextlib import closing
 from functools import partial
-from typing import Any
 
 import msgspec
 
@@ -21,10 +20,12 @@ from clustermcl.protocol.steps import MapMessage, Scan, TruePose
 from clustermcl.protocol.work import Reported, TrackReport
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
+from clustermcl.view.admission import Address
+from clustermcl.view.browser import FromBrowser, PageOpened
 from clustermcl.view.commands import AskAdvice, Command, ShowEarlier, ShowPast
-from clustermcl.view.map_reduction import reduced
+from clustermcl.view.frames import Frame
+from clustermcl.view.page_server import PageServer
 from clustermcl.view.picture import Picture
-from clustermcl.view.room import FromBrowser, PageOpened, Room
 
 _log = logging.getLogger(__name__)
 
@@ -42,25 +43,27 @@ _ADVICE_TIMEOUT_S = 20.0
 _COMMAND_TIMEOUT_S = 5.0
 
 
-def answer_browser(room: Room, picture: Picture, event: FromBrowser) -> None:
+def answer_browser(server: PageServer, picture: Picture, event: FromBrowser) -> None:
     """Send a page all frames when it joins, or the past steps that it requests."""
     match event.request:
         case PageOpened():
-            room.send(event.browser, picture.everything())
+            server.send(event.browser, picture.everything())
         case ShowPast(step):
-            room.send(event.browser, {"past": picture.past(step)})
+            server.send(event.browser, {"past": picture.past(step)})
         case ShowEarlier(before):
-            room.send(event.browser, {"earlier": picture.rows_before(before)})
+            server.send(event.browser, {"earlier": picture.rows_before(before)})
 
 
 class LiveLoop:
-    """The loop of one robot's page. No other thread uses the picture, so there is no lock."""
+    """The loop of one robot's page. No other thread changes the picture, so there is no lock."""
 
-    def __init__(self, settings: Settings, about: Mapping[str, Any], stop: StopFlag) -> None:
+    def __init__(self, settings: Settings, address: Address, about: Frame, stop: StopFlag) -> None:
         name = settings.robot.name
         self.node = Node("view", "page", settings, stop, peers=keys.COORDINATOR_ALIVE)
-        self.room = Room(name, self.node.inbox.put)
         self.picture = Picture({"robot": name, "router": settings.zenoh.router, **about})
+        self._server = PageServer(
+            address, self.picture, self.node.inbox.put, obeys_commands=about["commands"]
+        )
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
         self._ask = partial(self.node.ask, timeout_s=settings.zenoh.query_timeout_s)
@@ -88,12 +91,9 @@ class LiveLoop:
 
     def run(self, stop: StopFlag) -> None:
         """Run until `stop` is set, connecting whenever there is no connection."""
-        self.node.stop = stop
-        try:
+        with self._server, closing(self.node):
             while not stop.is_set():
                 self.turn()
-        finally:
-            self.node.close()
 
     def turn(self) -> None:
         """Handle received messages, or wait briefly for one; then send browsers what changed."""
@@ -114,7 +114,7 @@ class LiveLoop:
             self._next_reports_s = now_s + _REPORTS_EVERY_S
             node.drain(self._reports, self._on_report)
         if changes := self.picture.changes():
-            self.room.publish(changes)
+            self._server.publish(changes)
 
     # --- the system
 
@@ -179,9 +179,7 @@ class LiveLoop:
 
     def _on_map(self, message: MapMessage) -> None:
         self._asking_map = False
-        shown = reduced(message)
-        self.room.map = (shown.digest, shown.zlib_cells)
-        self.picture.on_map(shown)
+        self.picture.on_map(message)
 
     def _on_no_map(self, _problem: str) -> None:
         self._asking_map = False
@@ -192,7 +190,7 @@ class LiveLoop:
         request = event.request
 
         def send(topic: str, frame: object) -> None:
-            self.room.send(event.browser, {topic: frame})
+            self._server.send(event.browser, {topic: frame})
 
         def on_failure(problem: str) -> None:
             send("done", {"problem": problem or "no answer: the system is not running"})
@@ -210,4 +208,4 @@ class LiveLoop:
             key, limit_s = request.key, _COMMAND_TIMEOUT_S
             self.node.ask(key, CommandDone, on_done, on_failure, timeout_s=limit_s, message=request)
         else:
-            answer_browser(self.room, self.picture, event)
+            answer_browser(self._server, self.picture, event)

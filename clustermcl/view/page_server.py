@@ -1,4 +1,4 @@
-"""The web server: serves the page's files, the map and the WebSocket in a thread."""
+"""The web server of a robot's page: serves its files, the map and the WebSocket in a thread."""
 
 import asyncio
 import logging
@@ -6,11 +6,10 @@ import secrets
 import socket
 import sys
 import threading
-import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from http import HTTPStatus
-from typing import Self
+from typing import Any, Self
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
@@ -25,11 +24,11 @@ from clustermcl.protocol.message import MAX_ID_CHARACTERS
 from clustermcl.runtime.caller import caller
 from clustermcl.view import commands
 from clustermcl.view.admission import Address, Admission
-from clustermcl.view.room import Browser, FromBrowser, PageOpened, Room, encoded
+from clustermcl.view.browser import Browser, FromBrowser, PageOpened, encoded
+from clustermcl.view.picture import Picture
 from clustermcl.view.saved_page import static_files
 
 SOCKET_PATH = "live"
-ROBOT_PATH = "robot/"
 MAX_BROWSERS = 100
 MAX_UNREAD_BYTES = 8_000_000
 """Limit for the bytes that wait to be sent to a browser; the largest message has a tenth."""
@@ -59,8 +58,9 @@ def print_link(link: str) -> None:
 class PageServer:
     """A web server that runs in a thread within its ``with`` block, and prints its link.
 
-    Port 0 selects a free port. Elsewhere than on loopback, the link contains a token. The path
-    ``/`` leads to the first room.
+    Port 0 selects a free port. Elsewhere than on loopback, the link contains a token. Of the
+    picture it reads the map. `on_event` is called in the server's thread with each request of a
+    page; it must not block.
 
     Raises:
         SettingsError: the address is not of this machine, or in use.
@@ -69,18 +69,18 @@ class PageServer:
     def __init__(
         self,
         address: Address,
-        rooms: Sequence[Room],
+        picture: Picture,
+        on_event: Callable[[FromBrowser], object],
         *,
         obeys_commands: bool = False,
-        open_browser: bool = False,
     ) -> None:
         token = "" if address.is_loopback else secrets.token_urlsafe(18)
         self._listening = _listening(address)
         port = int(self._listening.getsockname()[1])
         self._admission = Admission(Address(address.host, port), token)
-        self._rooms = {room.name: room for room in rooms}
-        self._first, self._commands = rooms[0], obeys_commands
-        self._open_browser, self._files = open_browser, static_files()
+        self._picture, self._on_event, self._commands = picture, on_event, obeys_commands
+        self._browsers: set[Browser] = set()
+        self._files = static_files()
         self._stopping = asyncio.Event()
         self._started: Future[asyncio.AbstractEventLoop] = Future()
         self._thread = threading.Thread(
@@ -95,18 +95,26 @@ class PageServer:
         self._thread.start()
         self._started.result(_STARTED_WITHIN_S)
         print_link(self.link)
-        if self._open_browser:
-            webbrowser.open(self.link)
         return self
 
     def __exit__(self, *_error: object) -> None:
         self._started.result().call_soon_threadsafe(self._stopping.set)
         self._thread.join()
 
+    def publish(self, frames: Mapping[str, Any]) -> None:
+        """Send frames to all pages; in any thread."""
+        if self._browsers:
+            self._started.result().call_soon_threadsafe(self._offer_all, encoded(frames))
+
+    def send(self, browser: Browser, frames: Mapping[str, Any]) -> None:
+        """Send frames to one page; in any thread."""
+        self._started.result().call_soon_threadsafe(browser.offer, encoded(frames))
+
+    def _offer_all(self, frames: Mapping[str, bytes]) -> None:
+        for browser in self._browsers:
+            browser.offer(frames)
+
     async def _serve(self) -> None:
-        loop = asyncio.get_running_loop()
-        for room in self._rooms.values():
-            room.loop = loop
         quiet = logging.getLogger("clustermcl.view.websockets")
         quiet.setLevel(logging.CRITICAL)  # refused connections are not logged
         async with serve(
@@ -119,42 +127,27 @@ class PageServer:
             close_timeout=0.5,
             logger=quiet,
         ):
-            self._started.set_result(loop)
+            self._started.set_result(asyncio.get_running_loop())
             await self._stopping.wait()
 
     def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Answer or refuse an HTTP request; None: open the WebSocket."""
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
-        room, path = self._asked(request.path)
+        path = urlsplit(request.path).path.removeprefix("/")
         opens_socket = path == SOCKET_PATH
         if problem := self._admission.problem(request.path, headers, socket=opens_socket):
             return _response(HTTPStatus.FORBIDDEN, problem.encode(), {})
-        if room is None:
-            return _response(HTTPStatus.NOT_FOUND, b"there is no such robot", {})
-        if opens_socket:
-            if sum(len(room.browsers) for room in self._rooms.values()) >= MAX_BROWSERS:
-                return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many pages are open", {})
-            return None
-        return self._content(room, path or "index.html")
+        if opens_socket and len(self._browsers) >= MAX_BROWSERS:
+            return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many pages are open", {})
+        return None if opens_socket else self._content(path or "index.html")
 
-    def _asked(self, target: str) -> tuple[Room | None, str]:
-        """Return the room (None: no such robot) and the file name of a path.
-
-        Paths are ``/robot/NAME/app.js``, or ``/app.js`` for the first robot.
-        """
-        path = urlsplit(target).path.removeprefix("/")
-        if not path.startswith(ROBOT_PATH):
-            return self._first, path
-        name, _, rest = path.removeprefix(ROBOT_PATH).partition("/")
-        return self._rooms.get(name), rest
-
-    def _content(self, room: Room, name: str) -> Response:
-        digest, cells = room.map
-        if digest and name == f"map/{digest}":
+    def _content(self, name: str) -> Response:
+        grid_map = self._picture.map
+        if grid_map is not None and name == f"map/{grid_map.digest}":
             packed = {"Content-Type": "application/octet-stream", "Content-Encoding": "deflate"}
-            return _response(HTTPStatus.OK, cells, packed)
+            return _response(HTTPStatus.OK, grid_map.zlib_cells, packed)
         if name == "browsers":  # the demo waits for the first browser
-            return _response(HTTPStatus.OK, str(len(room.browsers)).encode(), {})
+            return _response(HTTPStatus.OK, str(len(self._browsers)).encode(), {})
         content = self._files.get(name)
         if content is None:
             return _response(HTTPStatus.NOT_FOUND, b"there is no such page", {})
@@ -164,31 +157,28 @@ class PageServer:
         return _response(HTTPStatus.OK, content, more)
 
     async def _talk(self, connection: ServerConnection) -> None:
-        room, _ = self._asked(connection.request.path if connection.request else "")
-        if room is None:  # refused by `_answer`
-            return
         browser = Browser(lambda data: _send(connection, data))
-        room.browsers.add(browser)
+        self._browsers.add(browser)
         try:
-            room.on_event(FromBrowser(browser, PageOpened()))
+            self._on_event(FromBrowser(browser, PageOpened()))
             async for text in connection:
-                self._on_request(room, browser, commands.parsed_request(text, _sender(connection)))
+                self._on_request(browser, commands.parsed_request(text, _sender(connection)))
         except MalformedMessageError as error:
             await connection.close(1008, str(error)[:100])
         except ConnectionClosed:
             pass
         finally:
-            room.browsers.discard(browser)
+            self._browsers.discard(browser)
             if browser.drives:  # so that the robot drives on by itself
-                room.on_event(FromBrowser(browser, Drive(sender=commands.SENDER, by_hand=False)))
+                self._on_event(FromBrowser(browser, Drive(sender=commands.SENDER, by_hand=False)))
 
-    def _on_request(self, room: Room, browser: Browser, request: commands.Request) -> None:
+    def _on_request(self, browser: Browser, request: commands.Request) -> None:
         if isinstance(request, commands.Drawn):
             browser.on_drawn(request)
         elif self._commands or isinstance(request, commands.ShowPast | commands.ShowEarlier):
             if isinstance(request, Drive):
                 browser.drives = request.by_hand
-            room.on_event(FromBrowser(browser, request))
+            self._on_event(FromBrowser(browser, request))
         else:
             problem = "this page is read-only: start it with --allow-commands"
             browser.offer(encoded({"done": {"problem": problem}}))

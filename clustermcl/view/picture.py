@@ -1,7 +1,7 @@
 """The frames that the page of one robot shows."""
 
 from collections import deque
-from collections.abc import Container, Iterable
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -42,12 +42,14 @@ class Picture:
         self._changed = {"system"}
         self.archive = archive or StepArchive()
         self._rows: deque[tuple[int, msgspec.Raw]] = deque(maxlen=self.archive.max_steps)
-        self._slots = ColourSlots()
+        self._slots: dict[int, int] = {}
         self._scans: dict[int, Scan] = {}
         self._truths: dict[int, PoseTuple] = {}
         self._events: dict[int, NumberedEvent] = {}
         self._events_term = self._term = 0
         self._last_step = -1
+        self.map: MapMessage | None = None
+        """The drawn map, reduced."""
         self._floors = ONE_MAP
         """All that is drawn is in their atlas."""
         self.wanted_map = ""
@@ -90,8 +92,9 @@ class Picture:
                 self._term = self._events_term = 0  # the next coordinator may count from 0
 
     def on_map(self, message: MapMessage) -> None:
-        self._floors = message.floors
-        self._set("map", frames.map_frame(message))
+        """Draw a map; a MalformedMessageError says that it is damaged."""
+        self.map, self._floors = frames.reduced(message), message.floors
+        self._set("map", frames.map_frame(self.map))
 
     def on_scan(self, scan: Scan) -> None:
         """Store a scan for its belief, or show it if its belief arrived first."""
@@ -124,10 +127,10 @@ class Picture:
         if belief.step < self._last_step:
             self._forget()
         self._term, self._last_step = belief.term, belief.step
-        slots = self._slots.assign(place.cluster for place in belief.hypotheses)
+        self._slots = colour_slots(self._slots, [each.cluster for each in belief.hypotheses])
         scan, truth = self._scans.get(belief.step), self._truths.get(belief.step)
-        self._drop_clouds_but(slots)
-        self._set_step(frames.step_frame(self._floors.drawn(belief), slots, scan, truth))
+        self._drop_clouds_but(self._slots)
+        self._set_step(frames.step_frame(self._floors.drawn(belief), self._slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
         """Show the robot's present pose; ignore an answer of an earlier coordinator."""
@@ -164,7 +167,6 @@ class Picture:
         self.archive.clear()
         self._events.clear()
         self._drop_clouds_but(())
-        self._slots = ColourSlots()
         self._set("events", [])
         self._changed.add("history")
 
@@ -212,28 +214,14 @@ def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
         del of_step[next(iter(of_step))]
 
 
-class ColourSlots:
-    """The colour slots of clusters; a new cluster gets the slot that was free for longest."""
+def colour_slots(before: Mapping[int, int], clusters: Sequence[int]) -> dict[int, int]:
+    """Return the colour slot of each cluster: that of before, or a free one.
 
-    def __init__(self) -> None:
-        self._of: dict[int, int] = {}
-        self._free = list(range(SLOTS))
-        """Free slots, the longest free first."""
-
-    def assign(self, clusters: Iterable[int]) -> dict[int, int]:
-        """Return the slot of each present cluster; the slots of all others become free."""
-        alive = list(clusters)
-        for gone in sorted(self._of.keys() - set(alive)):
-            self._free.append(self._of.pop(gone))
-        for cluster in alive:
-            if cluster not in self._of:
-                self._of[cluster] = self._take()
-        return dict(self._of)
-
-    def _take(self) -> int:
-        """Return a free slot: the first with a colour of its own if there is one."""
-        if not self._free:
-            return len(self._of)
-        first = next((slot for slot in self._free if slot < SLOTS), self._free[0])
-        self._free.remove(first)
-        return first
+    A new cluster gets the colour that it has in the plots if that is free, else the lowest slot.
+    """
+    slots = {cluster: before[cluster] for cluster in clusters if cluster in before}
+    for cluster in clusters:
+        if cluster not in slots:
+            wanted, taken = (cluster % SLOTS, *range(len(clusters))), set(slots.values())
+            slots[cluster] = next(slot for slot in wanted if slot not in taken)
+    return slots

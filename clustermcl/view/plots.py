@@ -15,8 +15,7 @@ from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import PoseTuple, ellipse_axes
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap, coarse
-from clustermcl.view.frames import scan_points_cm
-from clustermcl.view.map_reduction import MAX_SIDE
+from clustermcl.view.frames import MAX_SIDE, scan_points_cm
 
 PALETTE = (
     "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",

@@ -28,12 +28,11 @@ from clustermcl.runtime.compressed import os_problem
 from clustermcl.runtime.output_files import check_output_file, write_output_file
 from clustermcl.runtime.stop import StopFlag, stop_on_signals
 from clustermcl.view.admission import Address
+from clustermcl.view.browser import FromBrowser
 from clustermcl.view.live_loop import answer_browser
-from clustermcl.view.map_reduction import reduced
 from clustermcl.view.page_server import PageServer
 from clustermcl.view.picture import Picture
 from clustermcl.view.rerun_log import RerunLog
-from clustermcl.view.room import FromBrowser, Room
 from clustermcl.view.saved_page import saved_run
 from clustermcl.view.step_archive import StepArchive
 
@@ -55,8 +54,6 @@ def view_recording(
     address: Address,
     map_file: str | None = None,
     save_file: Path | None = None,
-    *,
-    open_browser: bool = False,
 ) -> None:
     """Serve the page of a recorded run until Ctrl-C, or save it: a page, or ``.rrd`` for Rerun."""
     stop = stop_on_signals()
@@ -78,9 +75,7 @@ def view_recording(
         else:
             write_output_file(save_file, RecordedRun(recording, named).saved())
         return
-    run = RecordedRun(recording, named)
-    with PageServer(address, [run.room], open_browser=open_browser):
-        run.run(stop)
+    RecordedRun(recording, named).serve(address, stop)
 
 
 class RecordedRun:
@@ -92,8 +87,6 @@ class RecordedRun:
     def __init__(
         self, path: Path, grid_map: MapMessage | None, into: RerunLog | None = None
     ) -> None:
-        self._inbox: Inbox[FromBrowser] = Inbox({})
-        self.room = Room("recording", self._inbox.put)
         about: dict[str, Any] = {
             "router": "", "commands": False, "robot": path.resolve().stem,
             "kept_steps": KEPT_STEPS,
@@ -108,21 +101,23 @@ class RecordedRun:
         self._lasers: deque[LaserFields] = deque(maxlen=KEPT_SCANS)
         self._pieces = self._read(run_log.log_files(path))
 
-    def run(self, stop: StopFlag) -> None:
+    def serve(self, address: Address, stop: StopFlag) -> None:
         """Read the recording in small pieces, and answer browsers, until `stop` is set."""
-        while not stop.is_set():
-            goes_on = self.read_for(_AT_A_TIME_S)
-            event = self._inbox.get(0.0 if goes_on else _POLL_S)
-            while event is not None:
-                answer_browser(self.room, self.picture, event)  # a recording obeys no command
-                event = self._inbox.get(0.0)
-            if changes := self.picture.changes():
-                self.room.publish(changes)
+        inbox: Inbox[FromBrowser] = Inbox({})
+        with PageServer(address, self.picture, inbox.put) as server:
+            while not stop.is_set():
+                goes_on = self.read_for(_AT_A_TIME_S)
+                event = inbox.get(0.0 if goes_on else _POLL_S)
+                while event is not None:
+                    answer_browser(server, self.picture, event)  # a recording obeys no command
+                    event = inbox.get(0.0)
+                if changes := self.picture.changes():
+                    server.publish(changes)
 
     def saved(self) -> str:
         """Read the whole recording, and return an HTML page that plays it."""
         self.read_for(math.inf)
-        return saved_run(self.picture, self._map)
+        return saved_run(self.picture)
 
     def read_for(self, seconds: float) -> bool:
         """Read on for some seconds; return whether there is more to read."""
@@ -167,9 +162,8 @@ class RecordedRun:
         self._shown.on_pose(best_pose(belief))
 
     def _show_map(self, grid_map: MapMessage) -> None:
-        self._map = shown = reduced(grid_map)
-        self.room.map = (shown.digest, shown.zlib_cells)
-        self._shown.on_map(shown)
+        self._map = grid_map
+        self._shown.on_map(grid_map)
 
 
 def _scan(belief: Belief, lasers: list[LaserFields], floors: Floors) -> Scan:

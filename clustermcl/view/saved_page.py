@@ -8,19 +8,18 @@ from collections.abc import Mapping
 
 import msgspec
 
-from clustermcl.protocol.steps import MapMessage
 from clustermcl.view.picture import Picture
 
 _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
 
-def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
+def saved_run(picture: Picture) -> str:
     """Return an HTML page that plays all archived steps of a run."""
     archived = msgspec.json.encode(picture.archive.everything())
     past = base64.b64encode(zlib.compress(archived, 9)).decode()
     shown = {**picture.everything(), "past": past}
-    if grid_map is not None:
-        packed = base64.b64encode(grid_map.zlib_cells).decode()
+    if picture.map is not None:
+        packed = base64.b64encode(picture.map.zlib_cells).decode()
         shown["map"] = {**shown["map"], "packed": packed}
     files = {name: content.decode() for name, content in static_files().items()}
     data = msgspec.json.encode(shown).decode().replace("<", "\\u003c")

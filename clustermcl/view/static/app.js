@@ -4,8 +4,7 @@ import { Connection } from "./connection.js";
 import { onFloor, pickFloor, showFloors } from "./floors.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
-import { clock, hint, isOld, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
-import { OtherRobots } from "./other_robots.js";
+import { clock, hint, isOld, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showStep, showWorkers } from "./panel.js";
 import { drawPlot, rowText, SHOWN_STEPS, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
 import { ROW_PLACES, StepRows } from "./step_rows.js";
@@ -31,11 +30,6 @@ const travel = new TimeTravel(
   () => known.range,
   (frames) => frames ? showPast(frames) : showNow(),
 );
-const others = new OtherRobots(() => {
-  showTheRobots();
-  view.others = others.in(view.map?.frame.digest);
-  view.redraw();
-});
 const steering = steer(view, {
   send: (message) => connection.send(message),
   mayCommand: () => Boolean(system.commands) && isLive(),
@@ -58,8 +52,6 @@ const TAKE = {
     $("robot").textContent = frame.robot;
     travel.setEnd(frame.link);
     $("actions").hidden = !frame.commands;
-    others.listen(frame.robots ?? [], frame.robot);
-    showTheRobots();
     document.title = `${frame.robot} · Cluster-MCL`;
     if (frame.by_hand) steering.driveAtFirst();
     showLink();
@@ -204,10 +196,6 @@ function showPast(frames) {
   if (frames.status) showWorkers(frames.status);
   showTheEvents(frames.events);
   showRows();
-}
-
-function showTheRobots() {
-  showRobots(system.robots ?? [], system.robot, others.robots);
 }
 
 function showTheEvents(events) {

@@ -10,10 +10,9 @@ export class Connection {
    * @param take called with the frames of each message
    * @param changed called when the connection opens or closes
    * @param isSlow whether messages should wait until the last one is drawn
-   * @param path of the robot's page
    */
-  constructor(take, changed, isSlow, path = location.pathname) {
-    Object.assign(this, { take, changed, isSlow, path, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0 });
+  constructor(take, changed, isSlow) {
+    Object.assign(this, { take, changed, isSlow, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0 });
   }
 
   open() {
@@ -24,7 +23,7 @@ export class Connection {
       return;
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(new URL("live", `${scheme}://${location.host}${this.path}`));
+    this.socket = new WebSocket(`${scheme}://${location.host}/live`);
     this.socket.onopen = () => {
       this.isOpen = true;
       this.drawn = 0;

@@ -6,7 +6,7 @@ import { setFloors } from "./floors.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
-import { boxOf, drawLabels, drawOther, drawPlace, drawPlacing, drawTruth } from "./symbols.js";
+import { boxOf, drawLabels, drawPlace, drawPlacing, drawTruth } from "./symbols.js";
 import { drawAdvice, drawWays } from "./ways.js";
 
 const LABELLED = 8; // clusters with a percentage, where there is room
@@ -25,7 +25,6 @@ export class MapView {
     this.clouds = new Map(); // particles by cluster
     this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map", "changes"]);
     this.radius = 0; // of the robot's footprint [m]; 0: unknown
-    this.others = []; // robots in the same map: { name, pose }
     this.advice = []; // { slot, pose, ways, spots } of each place
     this.pointed = null; // cluster under the pointer
     this.selected = null; // the cluster whose beams are classified
@@ -187,7 +186,7 @@ export class MapView {
     if (this.map) drawLandmarks(this);
     drawWays(this, this.rows, places);
     drawAdvice(this);
-    const taken = this.others.map((robot) => drawOther(this, robot)); // boxes that no name may cover
+    const taken = []; // boxes that no name may cover
     if (this.step) {
       if (layers.has("particles")) drawParticles(this, this.clouds, this.step);
       const selected = places.find((place) => place.cluster === this.selected);

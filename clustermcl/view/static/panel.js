@@ -6,24 +6,12 @@ import { colourOf, isDashed, percent } from "./palette.js";
 const $ = (id) => document.getElementById(id);
 
 const STALE_AFTER_S = 3;
-export const OLD = { stale: "stale", dead_reckoning: "dead reckoning" }; // kinds of freshness
+const OLD = { stale: "stale", dead_reckoning: "dead reckoning" }; // kinds of freshness
 const PROBABLY = 0.5; // as `clustermcl pose` says it
 
 let pose = null, poseAt = null; // time of arrival [ms]; null: a past or recorded pose
 let before = ""; // age of a past step, in words
 let step = null; // the shown one
-
-/** Links to the pages of all robots behind the router, with the states of the others. */
-export function showRobots(names, own, others) {
-  $("robots").hidden = !names.length;
-  $("robots").replaceChildren(...names.map((name) => {
-    const state = others.get(name)?.state, link = element("a", state ? `${name}: ${state}` : name);
-    if (state) link.dataset.state = state;
-    link.href = `/robot/${name}/`;
-    if (name === own) link.setAttribute("aria-current", "page");
-    return link;
-  }));
-}
 
 export function showStep(frame) {
   step = frame;

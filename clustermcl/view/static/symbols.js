@@ -119,27 +119,6 @@ export function drawTruth(view, pose) {
   context.restore();
 }
 
-/** The most probable pose of another robot: a square with a stroke and its name; the box around both. */
-export function drawOther(view, { name, pose }) {
-  const { context } = view;
-  const [x, y] = view.screenOf(pose);
-  context.save();
-  context.translate(x, y);
-  context.rotate(-pose[2]);
-  context.strokeStyle = context.fillStyle = themed("--soft");
-  context.lineWidth = 3;
-  context.fillRect(-6, -6, 12, 12);
-  context.beginPath();
-  context.moveTo(0, 0);
-  context.lineTo(14, 0);
-  context.stroke();
-  context.restore();
-  context.font = "600 12px system-ui, sans-serif";
-  const width = context.measureText(name).width + 12;
-  drawLabel(view, name, { x, y: y - 22, width }, themed("--soft"));
-  return { x, y: y - 12, width, height: 40 };
-}
-
 /** The dragged arrow, and two standard deviations of its position [m]. */
 export function drawPlacing(view, { from, to, spread }) {
   const { context } = view;

@@ -18,8 +18,7 @@ from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.ros2 import message_types
 from clustermcl.ros2.bond import RestartFile
-from clustermcl.ros2.lifecycle import State
-from clustermcl.ros2.port import Port
+from clustermcl.ros2.port import Port, State
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.runtime.threads import run_in_threads

@@ -22,8 +22,8 @@ from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmarks
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.map_message import from_reading
-from clustermcl.ros2.outputs import Command, Reading
-from clustermcl.ros2.port import EngineStatus, Port
+from clustermcl.ros2.port import Port
+from clustermcl.ros2.sides import Command, EngineStatus, Reading
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.flow_control import FlowControl

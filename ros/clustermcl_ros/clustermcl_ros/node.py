@@ -24,10 +24,10 @@ from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.ros2 import topics
 from clustermcl.ros2.bond import BondThread, BridgeState
-from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.nav2_params import settings_of
 from clustermcl.ros2.parameter_table import PARAMETERS, Value
-from clustermcl.ros2.port import SERVICES, Engine, Port
+from clustermcl.ros2.port import SERVICES, Port, State
+from clustermcl.ros2.sides import Engine
 from clustermcl.ros2.topics import Qos, Topic, Topics
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.settings import Settings
@@ -163,7 +163,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
 
     def resume(self, before: BridgeState) -> None:
         """Continue in the state of a killed node, with its bond."""
-        _log.info("%s again: continuing the state of the killed node", before.state.label)
+        _log.info("%s again: continuing the state of the killed node", before.state.value)
         self._resumed = before
         self.trigger_configure()
         if before.state is State.ACTIVE:
@@ -172,7 +172,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
 
     @property
     def kept_state(self) -> BridgeState:
-        bond, held = self._bond.instance_id, self.port.held
+        bond, held = self._bond.instance_id, self.port.choice.held
         return BridgeState(state=self.port.state, bond=bond, held=held)
 
     def _enter(self, state: State) -> TransitionCallbackReturn:

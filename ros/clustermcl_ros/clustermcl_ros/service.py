@@ -19,8 +19,8 @@ from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Reported, TrackReport
-from clustermcl.ros2.outputs import Command, Reading
-from clustermcl.ros2.port import EngineStatus, Port
+from clustermcl.ros2.port import Port
+from clustermcl.ros2.sides import Command, EngineStatus, Reading
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
 

@@ -12,9 +12,8 @@ pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 from apriltag_msgs.msg import AprilTagDetectionArray
 from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import LaserScan, NavSatFix
+from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
-from vision_msgs.msg import Detection3D, Detection3DArray
 
 from tests.integration.ros.conftest import OpenRobot, StartDrive
 from tests.integration.ros.robot import LATCHED, SENSOR, Robot, link, pose_message
@@ -26,18 +25,10 @@ READ = {
     "tf_static": (TFMessage(transforms=[link("a", "b", (0.0, 0.0, 0.0), 0)]), LATCHED),
     "initialpose": (pose_message((0.0, 0.0, 0.0)), 10),
     "map": (OccupancyGrid(data=[0] * 64), LATCHED),
-    "fixes": (NavSatFix(), SENSOR),
     "tags": (AprilTagDetectionArray(), SENSOR),
-    "objects": (Detection3DArray(detections=[Detection3D(id="x")]), SENSOR),
     "poses": (pose_message((0.0, 0.0, 0.0)), 10),
 }
-PARAMETERS = {
-    "ros2.gnss_topics": "fixes",
-    "ros2.datum": "52.0, 4.0, 0",
-    "ros2.tag_topics": "tags",
-    "ros2.detection_topics": "objects",
-    "ros2.pose_topics": "poses",
-}
+PARAMETERS = {"ros2.tag_topics": "tags", "ros2.pose_topics": "poses"}
 GROWTH_MB = 150.0
 
 

@@ -3,17 +3,14 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 
 from apriltag_msgs.msg import AprilTagDetection, AprilTagDetectionArray
-from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 from tf2_msgs.msg import TFMessage
-from vision_msgs.msg import Detection3D, Detection3DArray, ObjectHypothesisWithPose
 
 from clustermcl.filter.poses import between
 from clustermcl.protocol.message import PoseTuple
@@ -23,8 +20,6 @@ from tests.integration.waiting import wait_until
 
 STARTS = ((5.0, 0.0, 0.0), (-5.0, 0.0, 0.0))
 LANDMARK = (4.0, 1.0)
-DATUM = (52.0, 4.0)
-EQUATOR_M, SQUARED_ECCENTRICITY = 6378137.0, 6.69437999014e-3
 WITHIN_STEPS = 30
 """Without other sensors, the robot needs more to find its corridor."""
 
@@ -85,62 +80,24 @@ def test_the_pose_follows_after_simulated_time_is_set_back(start_drive: StartDri
     assert drive.node.is_running()
 
 
-def fix_of(pose: PoseTuple, stamp_ns: int) -> Any:
-    """A satellite fix in a map whose x axis points east at `DATUM`."""
-    latitude = math.radians(DATUM[0])
-    bend = 1.0 - SQUARED_ECCENTRICITY * math.sin(latitude) ** 2
-    north_m = EQUATOR_M * (1.0 - SQUARED_ECCENTRICITY) / bend**1.5
-    east_m = EQUATOR_M / math.sqrt(bend) * math.cos(latitude)
-    message = NavSatFix(
-        latitude=DATUM[0] + math.degrees(pose[1] / north_m),
-        longitude=DATUM[1] + math.degrees(pose[0] / east_m),
-        position_covariance=[0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01],
-        position_covariance_type=2,
-    )
-    message.status.status = 2
-    message.header.frame_id, message.header.stamp = "base_footprint", time_of(stamp_ns)
-    return message
-
-
-def put_fix(robot: Robot, pose: PoseTuple, stamp_ns: int) -> None:
-    robot.put("gnss/fix", fix_of(pose, stamp_ns))
-
-
 def put_pose(robot: Robot, pose: PoseTuple, stamp_ns: int) -> None:
     robot.put("uwb/pose", pose_message(pose, stamp_ns=stamp_ns, sigma=0.1))
 
 
-def landmark_from(pose: PoseTuple) -> PoseTuple:
-    x, y, _ = between(pose, (*LANDMARK, 0.0))
-    return float(x), float(y), 0.0
-
-
 def put_tag(robot: Robot, pose: PoseTuple, stamp_ns: int) -> None:
-    seen = link("base_footprint", "tag36h11:7", landmark_from(pose), stamp_ns)
+    x, y, _ = between(pose, (*LANDMARK, 0.0))
+    seen = link("base_footprint", "tag36h11:7", (float(x), float(y), 0.0), stamp_ns)
     robot.put("tf", TFMessage(transforms=[seen]), 100)
     message = AprilTagDetectionArray(detections=[AprilTagDetection(family="tag36h11", id=7)])
     message.header.frame_id, message.header.stamp = "base_footprint", time_of(stamp_ns)
     robot.put("tags", message)
 
 
-def put_detection(robot: Robot, pose: PoseTuple, stamp_ns: int) -> None:
-    result = ObjectHypothesisWithPose()
-    result.hypothesis.class_id, result.hypothesis.score = "tag36h11:7", 0.9
-    at = landmark_from(pose)
-    result.pose.pose.position.x, result.pose.pose.position.y = at[:2]
-    message = Detection3DArray(detections=[Detection3D(results=[result])])
-    message.header.frame_id, message.header.stamp = "base_footprint", time_of(stamp_ns)
-    message.detections[0].header = message.header
-    robot.put("objects", message)
-
-
 @pytest.mark.parametrize(
     ("put", "parameters"),
     [
-        (put_fix, {"ros2.gnss_topics": "gnss/fix", "ros2.datum": "52.0, 4.0, 0"}),
         (put_pose, {"ros2.pose_topics": "uwb/pose"}),
         (put_tag, {"ros2.tag_topics": "tags"}),
-        (put_detection, {"ros2.detection_topics": "objects"}),
     ],
 )
 def test_a_sensor_that_names_the_place_localizes_the_robot_at_once(

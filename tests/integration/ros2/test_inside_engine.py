@@ -25,8 +25,7 @@ from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import MapReading, OdometryReading
 from clustermcl.protocol.work import Particles
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.ros2.outputs import Reading
-from clustermcl.ros2.port import EngineStatus
+from clustermcl.ros2.sides import EngineStatus, Reading
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.alone import assert_same, outcomes_of_scans

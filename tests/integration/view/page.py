@@ -13,9 +13,9 @@ from websockets.sync.client import ClientConnection, connect
 from tests.integration.waiting import PATIENCE_S, wait_until
 
 
-def opened(link: str, path: str = "live", **options: Any) -> ClientConnection:
-    origin: Any = options.pop("origin", link.rstrip("/"))
-    return connect(f"ws{link[4:]}{path}", origin=origin, proxy=None, **options)
+def opened(link: str, **options: Any) -> ClientConnection:
+    origin: Any = link.rstrip("/")
+    return connect(f"ws{link[4:]}live", origin=origin, proxy=None, **options)
 
 
 def frames(page: ClientConnection) -> Iterator[dict[str, Any]]:

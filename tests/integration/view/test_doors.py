@@ -28,9 +28,9 @@ def no_router(tmp_path: Path) -> str:
 
 @pytest.fixture(scope="module")
 def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """Of a page of two robots on loopback, started as a person types it; no router is there."""
+    """Of a page on loopback, started as a person types it; no router is there."""
     folder, chosen = tmp_path_factory.mktemp("page"), free_port()
-    words = ["--quiet", "view", "--listen", f"127.0.0.1:{chosen}", "--robot", "r1", "--robot", "r2"]
+    words = ["--quiet", "view", "--listen", f"127.0.0.1:{chosen}", "--robot", "r1"]
     words += ["--set", f"zenoh.router=unixsock-stream/{folder}/r.sock"]
     process = RunningProcess(python_module("clustermcl", *words), folder, "view")
     process.wait_for("look at")
@@ -58,33 +58,27 @@ def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]
     return result
 
 
-def opened_at(
-    port: int, *, origin: str = "", cookie: str = "", path: str = "live"
-) -> ClientConnection:
+def opened_at(port: int, *, cookie: str = "") -> ClientConnection:
     headers = {"Cookie": cookie} if cookie else {}
-    link = f"http://127.0.0.1:{port}"
-    return opened(f"{link}/", path, origin=origin or link, additional_headers=headers)
+    return opened(f"http://127.0.0.1:{port}/", additional_headers=headers)
 
 
-def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -> None:
-    for at in ("/", "/robot/r2/"):
-        status, headers, text = got(port, at)
-        assert status == 200
-        policy = headers["content-security-policy"]
-        assert "default-src 'none'" in policy
-        assert "unsafe" not in policy
-        assert "://" not in policy
-        for file in re.findall(r'(?:src|href)="([^"]+)"', text):
-            found, about, content = got(port, f"{at}{file}")
-            assert found == 200, file
-            assert about["x-content-type-options"] == "nosniff"
-            assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
-    for path in ("/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js", "/robot/r3/"):
+def test_a_page_may_load_nothing_from_elsewhere(port: int) -> None:
+    status, headers, text = got(port, "/")
+    assert status == 200
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "://" not in policy
+    for file in re.findall(r'(?:src|href)="([^"]+)"', text):
+        found, about, content = got(port, f"/{file}")
+        assert found == 200, file
+        assert about["x-content-type-options"] == "nosniff"
+        assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
+    for path in ("/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js"):
         assert got(port, path)[0] == 404, path
-    for name, path in (("r1", "live"), ("r1", "robot/r1/live"), ("r2", "robot/r2/live")):
-        with opened_at(port, path=path) as page:
-            system = json.loads(page.recv(PATIENCE_S))["system"]
-            assert (system["robot"], system["robots"]) == (name, ["r1", "r2"])
+    with opened_at(port) as page:
+        assert json.loads(page.recv(PATIENCE_S))["system"]["robot"] == "r1"
 
 
 def done(page: ClientConnection) -> str:

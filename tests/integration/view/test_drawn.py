@@ -264,8 +264,7 @@ def test_a_run_that_was_saved_plays_without_a_server(
     stage.picture.on_events(events(3))
     stage.picture.on_link("finished")
     file = tmp_path / "run.html"
-    assert stage.map is not None
-    file.write_text(saved_run(stage.picture, stage.map))
+    file.write_text(saved_run(stage.picture))
     page = Page(driver, f"{file.as_uri()}#step=4")
     wait_until(lambda: shown_step(page) == 4)
     truth = page.run("return liveView.view.step.truth")
@@ -489,35 +488,6 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page) -> None:
     drawn.click("again")
     shows(stage, lambda: (shown_step(drawn) or 9) < 7)  # it is played from the first step
     assert [type(one) for one in stage.commands] == [Relocalize]
-
-
-GREY = pytest.approx((0x5C, 0x68, 0x75), abs=2)
-"""Through the page's veil, the browser rounds."""
-
-
-def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any) -> None:
-    with Stage("r2", "r3") as stage:
-        stage.show_map(120, 200)
-        page = page_of(stage, driver)
-        assert stage.map is not None
-        stage.picture.on_belief(belief(1, 1))
-        stage.others["r2"].picture.on_map(stage.map)
-        stage.others["r2"].picture.on_belief(belief(1, 4))  # at (4, 2)
-        elsewhere = msgspec.structs.replace(stage.map, digest="another")
-        stage.others["r3"].picture.on_map(elsewhere)
-        stage.others["r3"].picture.on_belief(belief(1, 7))  # at (7, 2) of another map
-        shows(stage, lambda: "r2: ambiguous" in page.text("robots"))
-        shows(stage, lambda: "r3: ambiguous" in page.text("robots"))
-        shows(stage, lambda: page.pixel_at(4.0, 2.0) == GREY)
-        assert page.pixel_at(7.0, 2.0) == (255, 255, 255)
-        stage.others["r2"].picture.on_status(status(freshness="stale"))
-        shows(stage, lambda: "r2: stale" in page.text("robots"))
-        assert page.run("return document.querySelector('#robots a[data-state=stale]').innerText")
-        stage.others["r2"].picture.on_link("no system")
-        shows(stage, lambda: "r2: ambiguous" not in page.text("robots"))
-        assert page.pixel_at(4.0, 2.0) == (255, 255, 255)
-        driver.get("about:blank")
-        assert page.console() == []
 
 
 def test_changes_are_a_layer_with_a_reading_of_each_cell(stage: Stage, drawn: Page) -> None:

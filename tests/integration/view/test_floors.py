@@ -32,7 +32,7 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
     course, steps = Run(case=case, seed=1, settings=Settings()).begun()
     floors = course.map.floors
     with Stage() as stage:
-        stage.show(to_message(course.map, "bridge"))
+        stage.picture.on_map(to_message(course.map, "bridge"))
         page = page_of(stage, driver)
         for scan, outcome, truth in islice(steps, 140):
             assert truth is not None
@@ -68,8 +68,7 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
             "ground",
             pytest.approx((-4.0, -2.0, 0.0), abs=0.1),
         )
-        assert stage.map is not None
-        (tmp_path / "run.html").write_text(saved_run(stage.picture, stage.map))
+        (tmp_path / "run.html").write_text(saved_run(stage.picture))
     assert page.console() == []
     saved = Page(driver, f"{(tmp_path / 'run.html').as_uri()}#step=139")
     wait_until(lambda: saved.run(TABS) == tabs)

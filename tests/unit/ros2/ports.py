@@ -2,50 +2,66 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from clustermcl.protocol.causes import AnyCause
-from clustermcl.ros2.outputs import Command, Reading
 from clustermcl.ros2.parameter_table import Value
 from clustermcl.ros2.port import Port
+from clustermcl.ros2.sides import Command, Reading
 from clustermcl.ros2.topics import Topic
 from clustermcl.runtime.settings import Settings
+
+
+class Publish(NamedTuple):
+    topic: Topic
+    message: Any
+
+
+class Refused(NamedTuple):
+    cause: str
+    detail: str
 
 
 class Kept:
     """The graph and the engine."""
 
     def __init__(self) -> None:
-        self.published: list[tuple[Topic, Any]] = []
-        self.heard: set[Topic] = set()
+        self.log: list[Any] = []
+        """All readings, commands, publications and refusals, in their order."""
         self.bonds: list[bool] = []
         self.shown: dict[str, Value] = {}
-        self.causes: Counter[str] = Counter()
-        self.readings: list[Reading] = []
-        self.commands: list[Command] = []
         self.questions = 0
         self.loads: list[str] = []
         self.ros_ns = self.process_ns = 0
-        self.put, self.command, self.load_map = (
-            kept.append for kept in (self.readings, self.commands, self.loads)
-        )
-        self.is_heard, self.show_parameters = self.heard.__contains__, self.shown.update
+        self.put = self.command = self.log.append
+        self.load_map, self.show_parameters = self.loads.append, self.shown.update
+
+    @property
+    def readings(self) -> list[Reading]:
+        return [one for one in self.log if isinstance(one, Reading)]
+
+    @property
+    def commands(self) -> list[Command]:
+        return [one for one in self.log if isinstance(one, Command)]
 
     def on(self, topic: Topic) -> list[Any]:
-        return [message for of, message in self.published if of == topic]
+        return [one.message for one in self.log if isinstance(one, Publish) and one.topic == topic]
 
     def publish(self, topic: Topic, message: Any) -> None:
-        self.published.append((topic, message))
+        self.log.append(Publish(topic, message))
+
+    def is_heard(self, _topic: Topic) -> bool:
+        return True
 
     def bond(self, *, alive: bool) -> None:
         self.bonds.append(alive)
 
     def refuse(self, cause: AnyCause, detail: str) -> None:
         assert detail
-        self.causes[cause] += 1
+        self.log.append(Refused(cause, detail))
 
     def refused(self) -> Mapping[str, int]:
-        return self.causes
+        return Counter(one.cause for one in self.log if isinstance(one, Refused))
 
     def now_ns(self) -> int:
         return self.ros_ns

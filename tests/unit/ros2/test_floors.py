@@ -37,7 +37,7 @@ def on(*floors: tuple[str, float], state: State = "localized", stamp_ns: int = S
 @pytest.fixture
 def building(tmp_path: Path) -> Settings:
     file = write_building(tmp_path)
-    ros2 = Ros2Settings(load_floor_maps=True, initial_floor="ground")
+    ros2 = Ros2Settings(load_floor_maps=True, initial_floor="ground", pose_topics="uwb")
     return Settings(bridge=BridgeSettings(map=str(file)), ros2=ros2)
 
 
@@ -58,10 +58,10 @@ def test_a_floor_is_told_and_its_map_loaded_once_it_is_sure(
     tested.on_belief(on(("third", 0.98), ("ground", 0.02)))
     assert kept.loads == [str(tmp_path / "third.yaml")]
     assert [message.data for message in kept.on(topics.FLOOR)] == ["third"]
-    assert tested._amcl.waits_for_map
+    assert tested.waits_for_map
     assert said(tested, kept)["map of floor"] == "none yet"
     tested.on_map_loaded("")
-    assert not tested._amcl.waits_for_map
+    assert not tested.waits_for_map
     values = said(tested, kept)
     assert (values["map of floor"], values["floor third"]) == ("third", "0.980")
     tested.on_belief(on(("ground", 0.99), ("third", 0.01)))
@@ -92,8 +92,9 @@ def test_given_and_observed_poses_are_on_the_published_floor(building: Settings)
     tested.on_belief(on(("third", 0.97)))
     tested.on_message(topics.INITIAL_POSE, given)
     assert [c.floor for c in kept.commands if isinstance(c, SetPose)] == ["ground", "third"]
-    observed = Observation(sender="uwb", stamp_ns=0, mean=(1, 2), covariance=(1, 0, 0, 1))
-    tested._do([observed])
+    kept.log.clear()
+    names = topics.Topics(building.ros2)
+    tested.on_message(names.observed[0], pose_stamped((1.0, 2.0, 0.5), COVARIANCE, SECOND, "map"))
     assert [one.floor for one in kept.readings if isinstance(one, Observation)] == ["third"]
 
 

@@ -7,11 +7,11 @@ import pytest
 from clustermcl.protocol.answers import Configure, SetPose
 from clustermcl.protocol.errors import InputFileError, SettingsError
 from clustermcl.protocol.live_settings import LiveSettings
-from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.nav2_params import read_nav2_params
-from clustermcl.ros2.parameter_table import LIVE, PARAMETERS
+from clustermcl.ros2.parameter_table import PARAMETERS
 from clustermcl.ros2.parameters import Parameters
-from clustermcl.ros2.port import EngineStatus
+from clustermcl.ros2.port import State
+from clustermcl.ros2.sides import EngineStatus
 from clustermcl.ros2.topics import Topics
 from clustermcl.runtime.settings import Ros2Settings, Settings
 from clustermcl.runtime.settings_file import load_settings
@@ -26,7 +26,6 @@ def test_every_parameter_has_a_setting_or_a_reason() -> None:
     for parameter in PARAMETERS.values():
         assert bool(parameter.setting) != bool(parameter.reason), parameter.name
         assert not parameter.setting or parameter.setting in TABLE, parameter.name
-    assert set(TABLE) >= LIVE
     assert len(PARAMETERS) >= 46
 
 
@@ -97,8 +96,6 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
         laser_max_range_m=-1.0,  # the laser's own
     )
     assert notes == [  # and nothing of what is as nav2 has it by itself
-        "laser_model_type = likelihood_field_prob is replaced by our likelihood_field, "
-        "which multiplies the beams' likelihoods too; no beam is skipped: sensor.occlusion_weight",
         f"pf_err has no effect: {PARAMETERS['pf_err'].reason}",
         "invented has no effect: AMCL has no such parameter",
     ]
@@ -200,10 +197,6 @@ def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> No
 # --- while the node runs
 
 
-def status(live: LiveSettings) -> EngineStatus:
-    return EngineStatus("localized", "fresh", 5, 2, live)
-
-
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
@@ -243,7 +236,7 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
 
     def given() -> list[Any]:
         poses = [one.pose for one in kept.commands if isinstance(one, SetPose)]
-        kept.commands.clear()
+        kept.log.clear()
         return poses
 
     tested.enter(State.INACTIVE)
@@ -257,7 +250,7 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     tested.enter(State.INACTIVE)
     tested.enter(State.ACTIVE)
     assert given() == [(5.0, -3.0, 0.5)]
-    assert tested.parameters.values()["initial_pose.x"] == 5.0
+    assert tested.parameters.settings.ros2.initial_x_m == 5.0
     assert kept.bonds == [True, False, True]
 
 
@@ -282,38 +275,24 @@ NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tole
 @pytest.mark.parametrize("name", NAV2_LIVE)
 def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> None:
     tested, kept = port()
-    value = 31 if name == "max_beams" else 0.25
+    value, parameter = 31 if name == "max_beams" else 0.25, PARAMETERS[name]
     assert tested.set_parameters({name: value}) == ""
-    assert tested.parameters.values()[name] == pytest.approx(value)
-    if not PARAMETERS[name].setting.startswith("ros2."):
-        (reconfigured,) = kept.commands
-        setting = PARAMETERS[name].setting.rpartition(".")[2]
-        expected = LiveSettings(**{setting: PARAMETERS[name].converted(value)})
-        assert isinstance(reconfigured, Configure)
-        assert reconfigured.settings == expected
+    assert parameter.value(tested.parameters.settings) == pytest.approx(value)
+    if not parameter.setting.startswith("ros2."):
+        setting = parameter.setting.rpartition(".")[2]
+        live = LiveSettings(**{setting: parameter.converted(value)})
+        assert kept.commands == [Configure(sender="amcl", settings=live)]
 
 
-def test_all_live_settings_are_sent_together() -> None:
+def test_all_live_settings_are_sent_together_and_again_to_an_engine_without_them() -> None:
     tested, kept = port()
     tested.set_parameters({"alpha1": 0.25})
     tested.set_parameters({"max_beams": 60})
-    assert kept.commands[1:] == [
-        Configure(sender="amcl", settings=LiveSettings(turn_noise_per_turn=0.5, max_beams=60))
-    ]
+    live = LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
+    assert kept.commands[1:] == [Configure(sender="amcl", settings=live)]
     tested.set_parameters({"tf_broadcast": False})
-    assert len(kept.commands) == 2
-
-
-def test_a_new_node_adopts_live_settings_and_later_restores_them() -> None:
-    tested, kept = port()
     tested.on_status(None)
-    tested.on_status(status(LiveSettings(max_beams=31)))
-    assert (kept.commands, kept.shown) == ([], {"max_beams": 31})
-    tested.set_parameters({"sigma_hit": 0.3})
-    (reported,) = kept.commands
-    assert isinstance(reported, Configure)
-    assert reported.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
-    tested.on_status(status(reported.settings))
-    assert kept.commands == [reported]
-    tested.on_status(status(LiveSettings()))
-    assert kept.commands == [reported, reported]
+    tested.on_status(EngineStatus("localized", "fresh", 5, 2, live))
+    assert len(kept.commands) == 2
+    tested.on_status(EngineStatus("localized", "fresh", 5, 2, LiveSettings()))
+    assert kept.commands[1:] == 2 * [Configure(sender="amcl", settings=live)]

@@ -8,9 +8,9 @@ from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
 from clustermcl.recordings.rigid import flat
 from clustermcl.ros2 import topics
-from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.messages_out import pose_stamped, transform
-from clustermcl.ros2.port import SERVICES, EngineStatus, Port
+from clustermcl.ros2.port import SERVICES, Port, State
+from clustermcl.ros2.sides import EngineStatus
 from clustermcl.runtime.settings import Ros2Settings, Settings
 from tests.ros_messages import link, new
 from tests.unit.ros2.beliefs import COVARIANCE, belief
@@ -46,7 +46,7 @@ def test_readings_go_to_the_engine_and_its_belief_to_ros() -> None:
     assert not kept.on(topics.TF)  # it waits for odometry of its time
     kept.process_ns += 2 * SECOND
     tested.tick()
-    assert dict(kept.causes) == {"laser scan without transform: transform does not arrive": 1}
+    assert dict(kept.refused()) == {"laser scan without transform: transform does not arrive": 1}
 
 
 def test_changes_of_the_building_are_a_grid_while_the_node_is_active() -> None:

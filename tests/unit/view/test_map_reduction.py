@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import MapMessage
-from clustermcl.view import map_reduction
-from clustermcl.view.map_reduction import reduced
+from clustermcl.view import frames
+from clustermcl.view.frames import reduced
 from tests.unit.view.messages import map_message
 
 
 @pytest.fixture(autouse=True)
 def small_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(map_reduction, "MAX_SIDE", 4)
+    monkeypatch.setattr(frames, "MAX_SIDE", 4)
 
 
 def message(cells: NDArray[np.int8]) -> MapMessage:

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from clustermcl.protocol.steps import TruePose
 from clustermcl.protocol.work import Particles
+from clustermcl.view.browser import MESSAGES_AHEAD, Browser
 from clustermcl.view.commands import Drawn
 from clustermcl.view.frames import MAX_PARTICLES, cloud_frame
-from clustermcl.view.picture import NEWEST_ROWS, SLOTS, ColourSlots, Picture
-from clustermcl.view.room import MESSAGES_AHEAD, Browser
+from clustermcl.view.picture import NEWEST_ROWS, SLOTS, Picture, colour_slots
 from clustermcl.view.step_archive import LOOK_BACK_STEPS, StepArchive
 from tests.unit.coordinator.reports import particles
 from tests.unit.view.messages import (
@@ -176,22 +176,16 @@ def test_the_map_is_queried_until_its_digest_is_that_of_the_system(picture: Pict
 
 @given(st.lists(st.sets(st.integers(0, 40), max_size=20), max_size=30))
 def test_each_cluster_has_a_slot_of_its_own_that_never_changes(steps: list[set[int]]) -> None:
-    slots, before, most = ColourSlots(), dict[int, int](), 0
+    before, most = dict[int, int](), 0
     for alive in steps:
-        now = slots.assign(sorted(alive))
+        now = colour_slots(before, sorted(alive))
         assert now.keys() == alive
         assert len(set(now.values())) == len(now)
         assert all(now[cluster] == before[cluster] for cluster in alive & before.keys())
         most = max(most, len(alive))
         assert max(now.values(), default=0) < max(most, SLOTS)
         before = now
-
-
-def test_a_new_cluster_gets_another_slot_than_the_last_ended_one() -> None:
-    slots = ColourSlots()
-    was = slots.assign([1, 2])[2]
-    slots.assign([1])
-    assert slots.assign([1, 3])[3] != was
+    assert colour_slots({}, [3, 11, 5]) == {3: 3, 11: 0, 5: 5}, "as in the plots where it is free"
 
 
 class _Page:

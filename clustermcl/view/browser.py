@@ -1,6 +1,5 @@
-"""The open pages of one robot: passes on their requests, and sends them frames."""
+"""One open page: its requests, and the frames that wait for it."""
 
-import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -55,38 +54,6 @@ class FromBrowser:
 
     browser: Browser
     request: PageOpened | ShowPast | ShowEarlier | AskAdvice | Command
-
-
-class Room:
-    """The open pages of one robot. Set `map`, call `publish` and `send` in any thread.
-
-    `on_event` is called in the server's thread with each request of a page; it must not block.
-    """
-
-    def __init__(self, name: str, on_event: Callable[[FromBrowser], object]) -> None:
-        self.name, self.on_event = name, on_event
-        self.browsers: set[Browser] = set()
-        self.map: tuple[str, bytes] = ("", b"")
-        """The digest and the cells, compressed by zlib, of the map that pages fetch."""
-        self.loop: asyncio.AbstractEventLoop | None = None
-        """The server's event loop; None before the server starts."""
-
-    def publish(self, frames: Mapping[str, Any]) -> None:
-        if self.browsers:
-            self._call_soon(self._offer_all, encoded(frames))
-
-    def send(self, browser: Browser, frames: Mapping[str, Any]) -> None:
-        self._call_soon(browser.offer, encoded(frames))
-
-    def _call_soon(
-        self, act: Callable[[Mapping[str, bytes]], None], frames: Mapping[str, bytes]
-    ) -> None:
-        if self.loop is not None:
-            self.loop.call_soon_threadsafe(act, frames)
-
-    def _offer_all(self, frames: Mapping[str, bytes]) -> None:
-        for browser in self.browsers:
-            browser.offer(frames)
 
 
 def encoded(frames: Mapping[str, Any]) -> dict[str, bytes]:
