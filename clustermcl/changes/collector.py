@@ -110,12 +110,9 @@ class ChangeCollector:
         self._odometry: Pose | None = None
 
     def on_step(self, scan: Scan, state: State, places: Sequence[Hypothesis]) -> None:
-        """Collect what a scan shows, if the robot is localized by it.
+        """Collect what a scan shows, if the robot is localized after it.
 
-        Args:
-            scan: the step.
-            state: state of the belief after it.
-            places: its places, the most probable first.
+        The places are those of the belief after it, the most probable first.
         """
         self.stamp_ns = scan.stamp_ns
         odometry = np.array(scan.odom_from_robot)

@@ -21,7 +21,7 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import NO_MAP
 from clustermcl.sensor_bridge.recorded import opened, steps_of
-from clustermcl.view.plots import NoMatplotlibError, drawn_changes, save
+from clustermcl.view.plots import NoExtraError, drawn_changes, save
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ def changes(
         save_ros_map(grid_map, old)
         try:
             save(drawn_changes(grid_map, found, summary(found)), picture)
-        except NoMatplotlibError as error:
+        except NoExtraError as error:
             _log.warning("%s: not drawn: %s", picture, error)
     opt.print_answer(as_object(found) if as_json else [summary(found)])
 

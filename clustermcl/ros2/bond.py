@@ -89,8 +89,7 @@ class RestartFile:
 
     def __init__(self, folder_setting: str, node: str) -> None:
         folder = state_folder(folder_setting)
-        name = quote(node, safe="")
-        self._path = None if folder is None else folder / f"ros2-{name}.json"
+        self._path = folder and folder / f"ros2-{quote(node, safe='')}.json"
         self._kept: BridgeState | None = None
         self._again_s = 0.0
 
@@ -101,16 +100,16 @@ class RestartFile:
     def read(self) -> BridgeState | None:
         """Return the state of a bridge killed within `TIMEOUT_S`; None: there is none."""
         path = self._path
+        if path is None or not path.is_file():
+            return None
         try:
-            if path is None or not path.is_file():
-                return None
             with path.open("rb") as file:
-                about, content = os.fstat(file.fileno()), file.read(_MAX_BYTES)
-            bridge_state = decoded(content, BridgeState, msgspec.json)
+                age_s = time.time() - os.fstat(file.fileno()).st_mtime
+                before = decoded(file.read(_MAX_BYTES), BridgeState, msgspec.json)
         except (OSError, msgspec.DecodeError) as error:
             _log.warning("%s is not used: %s", path, error)
             return None
-        return bridge_state if 0.0 <= time.time() - about.st_mtime < TIMEOUT_S else None
+        return before if 0.0 <= age_s < TIMEOUT_S else None
 
     def keep(self, bridge_state: BridgeState, now_s: float) -> None:
         """Write a changed state; update the file's time twice a second."""

@@ -4,14 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
-from clustermcl.protocol.answers import (
-    Configure,
-    Freshness,
-    Relocalize,
-    SetPose,
-    State,
-    Update,
-)
+from clustermcl.protocol.answers import Configure, Freshness, Relocalize, SetPose, State, Update
 from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading

@@ -30,11 +30,11 @@ _LABELLED = 8
 _SIDE_INCHES, _DPI = 10.0, 150
 
 
-class NoMatplotlibError(ClusterMclError, ImportError):
-    """A picture was asked for, and matplotlib is not installed."""
+class NoExtraError(ClusterMclError, ImportError):
+    """What was asked for needs a library that is not installed."""
 
-    def __init__(self, error: ImportError) -> None:
-        super().__init__(f"a picture needs matplotlib: pip install 'clustermcl[plots]' ({error})")
+    def __init__(self, extra: str, error: ImportError) -> None:
+        super().__init__(f"it needs an extra: pip install 'clustermcl[{extra}]' ({error})")
 
 
 class Drawn(NamedTuple):
@@ -48,11 +48,11 @@ class Drawn(NamedTuple):
 
 
 def new_figure(heights: Sequence[float] = (1.0,)) -> Any:
-    """Return a figure of matplotlib with axes of these heights; raises `NoMatplotlibError`."""
+    """Return a figure of matplotlib with axes of these heights; raises `NoExtraError`."""
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise NoMatplotlibError(error) from error
+        raise NoExtraError("plots", error) from error
     figure = Figure(figsize=(_SIDE_INCHES, _SIDE_INCHES), layout="constrained")
     figure.subplots(len(heights), height_ratios=heights)
     return figure

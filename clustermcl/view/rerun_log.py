@@ -9,38 +9,30 @@ import numpy as np
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.answers import Belief, Hypothesis
-from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.message import ellipse_axes
 from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.recordings.maps.map_message import from_message
 from clustermcl.view.frames import scan_points_cm
-from clustermcl.view.plots import PALETTE, percent
+from clustermcl.view.plots import PALETTE, NoExtraError, percent
 
 _SIGMAS, _PLOTTED, _NOSE_M = 2.0, 16, 0.5
 _MAP_RGB, _SCAN_RGB = (42, 50, 59), (192, 38, 45)
 _AROUND = np.linspace(0.0, 2.0 * math.pi, 49)
 
 
-class NoRerunError(ClusterMclError, ImportError):
-    """A recording for Rerun was asked for, and its library is not installed."""
-
-    def __init__(self, error: ImportError) -> None:
-        super().__init__(f"it needs rerun-sdk: pip install 'clustermcl[rerun]' ({error})")
-
-
 class RerunLog:
     """A recording for Rerun's viewer; takes what `Picture` takes.
 
     Raises:
-        NoRerunError: the extra ``rerun`` is not installed.
+        NoExtraError: the extra ``rerun`` is not installed.
     """
 
     def __init__(self, file: Path) -> None:
         try:
             import rerun  # noqa: PLC0415 - an extra
         except ImportError as error:
-            raise NoRerunError(error) from error
+            raise NoExtraError("rerun", error) from error
         self._rerun: Any = rerun
         self._log: Any = rerun.RecordingStream("clustermcl")
         self._log.save(file)

@@ -2,7 +2,6 @@
 
 import zlib
 from collections import deque
-from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
@@ -59,7 +58,8 @@ class StepArchive:
         """Return each topic's newest encoded frame at a step, if it has one for that step."""
         found: dict[str, msgspec.Raw] = {}
         oldest = max(step - LOOK_BACK_STEPS, self._newest_step - self.max_steps + 1)
-        for entries in self._entries_between(oldest, step):
+        packs = (p for p in reversed(self._packs) if p.last_step >= oldest and p.first_step <= step)
+        for entries in (self._newest, *map(_unpacked, packs)):
             for kept_step, topic, frame in reversed(entries):
                 if oldest <= kept_step <= step:
                     found.setdefault(topic, frame)
@@ -68,15 +68,6 @@ class StepArchive:
     def everything(self) -> list[ArchiveEntry]:
         packs = [_unpacked(pack) for pack in self._packs]
         return [entry for entries in (*packs, self._newest) for entry in entries]
-
-    def _entries_between(self, first: int, last: int) -> Iterator[Sequence[ArchiveEntry]]:
-        """Yield the entries of groups that may have the steps `first` to `last`, newest first."""
-        yield self._newest
-        for pack in reversed(self._packs):
-            if pack.last_step < first:
-                return
-            if pack.first_step <= last:
-                yield _unpacked(pack)
 
     def _pack(self) -> None:
         packed = zlib.compress(msgspec.json.encode(self._newest), _FAST)

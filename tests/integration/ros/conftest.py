@@ -78,7 +78,6 @@ def start_node(
         *arguments: str,
         parameters: dict[str, Any] | None = None,
         file: str = "",
-        in_domain: int = 0,
         expect: str = RUNNING,
     ) -> RunningProcess:
         if parameters:
@@ -89,7 +88,7 @@ def start_node(
             arguments = (*arguments, "--params-file", str(path))
         script = installed / "clustermcl_ros" / "lib" / "clustermcl_ros" / "amcl"
         words = [str(script), *(["--ros-args", *arguments] if arguments else [])]
-        own = shlex.join([f"ROS_DOMAIN_ID={in_domain or domain}", f"XDG_STATE_HOME={tmp_path}"])
+        own = shlex.join([f"ROS_DOMAIN_ID={domain}", f"XDG_STATE_HOME={tmp_path}"])
         setup = shlex.quote(str(installed / "setup.bash"))
         command = f"source {setup} && export {own} && exec {shlex.join(words)}"
         process = start_process(["bash", "-c", command])
@@ -107,8 +106,8 @@ def open_robot(domain: int) -> Iterator[OpenRobot]:
 
     made: list[Robot] = []
 
-    def robot(namespace: str = "", *, in_domain: int = 0, name: str = "robot") -> Robot:
-        made.append(Robot(in_domain or domain, namespace, name))
+    def robot(namespace: str = "", *, name: str = "robot") -> Robot:
+        made.append(Robot(domain, namespace, name))
         return made[-1]
 
     yield robot
@@ -123,7 +122,6 @@ def start_drive(start_node: StartNode, open_robot: OpenRobot) -> StartDrive:
     def start(
         *,
         namespace: str = "",
-        in_domain: int = 0,
         active: bool = True,
         parameters: dict[str, Any] | None = None,
         **of_drive: Any,
@@ -132,8 +130,8 @@ def start_drive(start_node: StartNode, open_robot: OpenRobot) -> StartDrive:
 
         moved = ("-r", f"__ns:={namespace}", *TF_IN_NAMESPACE) if namespace else ()
         given = {"autostart_node": active} | (parameters or {})
-        node = start_node(*moved, parameters=given, in_domain=in_domain)
-        drive = Drive(open_robot(namespace, in_domain=in_domain), node, **of_drive)
+        node = start_node(*moved, parameters=given)
+        drive = Drive(open_robot(namespace), node, **of_drive)
         drive.begin()
         return drive
 

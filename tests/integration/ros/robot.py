@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -121,11 +121,7 @@ class Robot:
         assert self.change_state(ACTIVATE)
 
     def set_parameters(self, **values: Any) -> list[Any]:
-        """Set parameters, `__` for a dot; return the results."""
-        asked = [
-            Value(name.replace("__", "."), value=value).to_parameter_msg()
-            for name, value in values.items()
-        ]
+        asked = [Value(name, value=value).to_parameter_msg() for name, value in values.items()]
         return list(self.call("amcl/set_parameters", SetParameters, parameters=asked).results)
 
     def parameters(self, *names: str) -> list[Any]:
@@ -144,38 +140,35 @@ class Robot:
         message.data.frombytes(cells.tobytes())
         self.put("map", message, LATCHED)
 
-    def put_mounts(self, **mounts: PoseTuple) -> None:
-        """Where lasers are on the robot, latched."""
-        links = [link("base_footprint", frame, mount, 0) for frame, mount in mounts.items()]
-        qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.put("tf_static", TFMessage(transforms=links), qos)
+    def put_mount(self, mount: PoseTuple) -> None:
+        """Where the laser is on the robot, latched."""
+        mounted = TFMessage(transforms=[link("base_footprint", "laser", mount, 0)])
+        self.put("tf_static", mounted, LATCHED)
 
     def put_odometry(self, reading: OdometryReading, zero_ns: int) -> None:
         one = link("odom", "base_footprint", reading.odom_from_robot, zero_ns + reading.stamp_ns)
         self.put("tf", TFMessage(transforms=[one]), 100)
 
-    def put_scan(
-        self, reading: LaserReading, zero_ns: int, frame: str = "laser", topic: str = "scan"
-    ) -> None:
+    def put_scan(self, reading: LaserReading, zero_ns: int) -> None:
         message = LaserScan()
         message.header.stamp = time_of(zero_ns + reading.stamp_ns)
-        message.header.frame_id = frame
+        message.header.frame_id = "laser"
         ranges = np.asarray(reading.ranges.array(), np.float32)
         message.angle_min = reading.angle_min_rad
         message.angle_increment = reading.angle_step_rad
         message.angle_max = reading.angle_min_rad + reading.angle_step_rad * (len(ranges) - 1)
         message.range_min, message.range_max = 0.0, reading.range_max_m
         message.ranges = ranges.tolist()
-        self.put(topic, message, SENSOR)
+        self.put("scan", message, SENSOR)
 
-    def put_initial_pose(self, pose: PoseTuple, **how: Any) -> None:
-        self.put("initialpose", pose_message(pose, **how))
+    def put_initial_pose(self, pose: PoseTuple) -> None:
+        self.put("initialpose", pose_message(pose))
 
 
 class Drive:
     """A simulated robot; each scan waits for its transform from `map` to `odom`, for a while.
 
-    `lasers` are frames and topics, which take turns. `clocked`: the robot publishes /clock.
+    `clocked`: the robot publishes /clock.
     """
 
     def __init__(
@@ -185,16 +178,13 @@ class Drive:
         *,
         start: PoseTuple | None = None,
         zero_ns: int = _STAMP_NS,
-        lasers: Sequence[tuple[str, str]] = (("laser", "scan"),),
         clocked: bool = False,
     ) -> None:
-        self.robot, self.node, self.zero_ns, self._lasers = robot, node, zero_ns, lasers
-        self._clocked = clocked
+        self.robot, self.node, self.zero_ns, self._clocked = robot, node, zero_ns, clocked
         self.simulation = Simulation(world(WORLD), SEED, start=start)
         self.poses = robot.listen("amcl_pose", PoseWithCovarianceStamped, LATCHED)
         self.states = robot.listen("amcl/state", String, LATCHED)
         self.truth: dict[int, PoseTuple] = {}
-        self.sent_s: dict[int, float] = {}
         self.transforms: dict[int, tuple[float, Any]] = {}
         """When the transform from `map` to `odom` came, and it, by the stamp of its scan."""
         robot.node.create_subscription(TFMessage, "tf", self._on_tf, 100)
@@ -208,11 +198,9 @@ class Drive:
     def begin(self) -> None:
         """Publish the map and where the laser is; wait until AMCL's node reads scans."""
         self.robot.put_map(world(WORLD).map)
-        self.robot.put_mounts(**dict.fromkeys(dict(self._lasers), LidarModel().robot_from_laser))
+        self.robot.put_mount(LidarModel().robot_from_laser)
         node = self.robot.node
-        for _, topic in self._lasers:
-            wait_until(lambda topic=topic: node.count_subscribers(topic))
-        wait_until(lambda: node.count_publishers("tf"))
+        wait_until(lambda: node.count_subscribers("scan") and node.count_publishers("tf"))
 
     def localize(self) -> None:
         """Give the robot its pose, and drive until the node has published one."""
@@ -245,9 +233,7 @@ class Drive:
             self.robot.put("/clock", Clock(clock=time_of(stamp_ns)), 1)
         self.robot.put_odometry(before, self.zero_ns)
         self.robot.put_odometry(after, self.zero_ns)
-        self.sent_s[stamp_ns] = time.monotonic()
-        frame, topic = self._lasers[len(self.truth) % len(self._lasers)]
-        self.robot.put_scan(tick.laser, self.zero_ns, frame, topic)
+        self.robot.put_scan(tick.laser, self.zero_ns)
         until_s, nap = time.monotonic() + within_s, threading.Event()
         while stamp_ns not in self.transforms and time.monotonic() < until_s:
             nap.wait(0.001)
@@ -260,9 +246,10 @@ class Drive:
     def error(self, number: int = -1) -> tuple[float, float]:
         """Distance [m] and angle [rad] of an `amcl_pose` from the truth at its stamp."""
         message = self.poses[number]
-        x, y, heading = planar(message.pose.pose)
+        at, turn = message.pose.pose.position, message.pose.pose.orientation
         truth = self.truth[ns_of(message.header.stamp)]
-        return math.dist((x, y), truth[:2]), abs(float(wrap_angle(heading - truth[2])))
+        heading = 2.0 * math.atan2(turn.z, turn.w)
+        return math.dist((at.x, at.y), truth[:2]), abs(float(wrap_angle(heading - truth[2])))
 
 
 class Bond:
@@ -283,12 +270,6 @@ class Bond:
         return max(b[0] - a[0] for a, b in zip(self.heard, self.heard[1:], strict=False))
 
 
-def pose_at_start() -> dict[str, Any]:
-    """Parameters with the pose at which the robot starts."""
-    x, y, heading = Simulation(world(WORLD), SEED).map_from_robot
-    return {"initial_pose.x": x, "initial_pose.y": y, "initial_pose.yaw": heading}
-
-
 def time_of(ns: int) -> Any:
     return rclpy.time.Time(nanoseconds=ns).to_msg()
 
@@ -301,13 +282,6 @@ def link(parent: str, child: str, at: PoseTuple, stamp_ns: int) -> Any:
     return messages_out.transform(at, stamp_ns, parent, child).transforms[0]
 
 
-def pose_message(
-    pose: PoseTuple, *, frame: str = "map", stamp_ns: int = 0, sigma: float = 0.2
-) -> Any:
+def pose_message(pose: PoseTuple, *, stamp_ns: int = 0, sigma: float = 0.2) -> Any:
     covariance = (sigma**2, 0.0, 0.0, 0.0, sigma**2, 0.0, 0.0, 0.0, sigma**2 / 4)
-    return messages_out.pose_stamped(pose, covariance, stamp_ns, frame)
-
-
-def planar(pose: Any) -> PoseTuple:
-    turn = pose.orientation
-    return pose.position.x, pose.position.y, 2 * math.atan2(turn.z, turn.w)
+    return messages_out.pose_stamped(pose, covariance, stamp_ns, "map")

@@ -52,7 +52,6 @@ def test_each_process_of_the_system_may_be_killed(start_drive: StartDrive) -> No
             continue
         process.kill()
         pauses[name] = drive_at_pace(drive, 3.0)
-    print(pauses)  # noqa: T201 - the figures that docs/ros2.md has
     assert len(pauses) >= 5  # router, bridge, coordinator, worker
     assert max(pauses.values()) < stretched_s(GAP_S), pauses
     assert bond.longest_pause_s() < BOND_TIMEOUT_S

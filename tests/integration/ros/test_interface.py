@@ -4,6 +4,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 
+from nav2_msgs.srv import SetInitialPose
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
@@ -11,7 +12,7 @@ from std_srvs.srv import Empty, Trigger
 
 from clustermcl.ros2.parameter_table import PARAMETERS
 from tests.integration.ros.conftest import StartDrive
-from tests.integration.ros.robot import LATCHED, Robot
+from tests.integration.ros.robot import LATCHED, Robot, pose_message
 from tests.integration.waiting import wait_until
 
 RELIABLE, BEST_EFFORT, ALL_LATCHED = "reliable", "best effort", "latched"
@@ -90,7 +91,8 @@ def test_the_services_do_what_they_say(start_drive: StartDrive) -> None:
     probable = robot.listen("amcl/probability", Float64, LATCHED)
     logged = robot.listen("/rosout", Log, LATCHED)
     assert not robot.call("amcl/is_localized", Trigger).success
-    drive.localize()
+    [stamp] = drive.drive(1)
+    robot.call("set_initial_pose", SetInitialPose, pose=pose_message(drive.truth[stamp]))
     drive.drive_until(lambda: robot.call("amcl/is_localized", Trigger).success, 100)
     assert robot.call("amcl/is_localized", Trigger).message.startswith("localized, ")
 

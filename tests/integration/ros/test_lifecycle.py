@@ -9,15 +9,7 @@ pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 from lifecycle_msgs.msg import TransitionEvent
 
 from tests.integration.ros.conftest import StartDrive
-from tests.integration.ros.robot import (
-    ACTIVATE,
-    CLEANUP,
-    CONFIGURE,
-    DEACTIVATE,
-    Bond,
-    planar,
-    pose_at_start,
-)
+from tests.integration.ros.robot import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Bond
 from tests.integration.waiting import wait_until
 
 SHUTDOWN = {"unconfigured": 5, "inactive": 6, "active": 7}
@@ -57,32 +49,3 @@ def test_every_transition_is_made_or_refused_and_the_node_lives_on(start_drive: 
     wait_until(lambda: events and events[-1].goal_state.label == "finalized")
     drive.node.send_signal(signal.SIGTERM)
     assert drive.node.wait() == 0
-
-
-def test_an_inactive_node_publishes_nothing_and_keeps_a_given_pose(start_drive: StartDrive) -> None:
-    drive = start_drive(active=False)
-    robot = drive.robot
-    assert robot.change_state(CONFIGURE)
-    [stamp] = drive.drive(1)
-    robot.put_initial_pose(drive.truth[stamp])
-    drive.drive(5)
-    assert not drive.poses
-    assert not drive.transforms
-    assert robot.change_state(ACTIVATE)
-    drive.drive_until(lambda: drive.poses)
-    assert drive.error()[0] < 0.5
-    assert robot.change_state(DEACTIVATE)
-    drive.drive(2)
-    count = len(drive.transforms)
-    drive.drive(5)
-    assert len(drive.transforms) == count
-
-
-def test_the_last_pose_is_the_initial_one_after_a_cleanup(start_drive: StartDrive) -> None:
-    drive = start_drive(parameters={"set_initial_pose": True, **pose_at_start()})
-    drive.drive_until(lambda: drive.poses)
-    drive.drive(10)
-    last = planar(drive.poses[-1].pose.pose)
-    assert drive.robot.change_state(DEACTIVATE)
-    assert drive.robot.change_state(CLEANUP)
-    assert drive.robot.parameters(*pose_at_start()) == pytest.approx(list(last), abs=0.3)

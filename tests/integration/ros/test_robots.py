@@ -1,4 +1,4 @@
-"""Several robots, domains, lasers, clocks, and sensors that name the place."""
+"""Several robots, clocks, and sensors that name the place."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from tf2_msgs.msg import TFMessage
 
 from clustermcl.filter.poses import between
 from clustermcl.protocol.message import PoseTuple
-from tests.integration.ros.conftest import OpenRobot, StartDrive
+from tests.integration.ros.conftest import StartDrive
 from tests.integration.ros.robot import LATCHED, Drive, Robot, link, ns_of, pose_message, time_of
 from tests.integration.waiting import wait_until
 
@@ -37,25 +37,6 @@ def test_two_robots_in_one_domain_do_not_disturb_each_other(start_drive: StartDr
         assert {ns_of(one.header.stamp) for one in drive.poses} <= drive.truth.keys()
         assert drive.error()[0] < 0.3
     assert not drives[0].robot.node.count_publishers("/tf")
-
-
-def test_a_node_in_domain_7_is_heard_there_alone(
-    start_drive: StartDrive, open_robot: OpenRobot
-) -> None:
-    drive, elsewhere = start_drive(in_domain=7), open_robot()
-    drive.localize()
-    assert drive.error()[0] < 0.3
-    assert ("amcl", "/") not in elsewhere.node.get_node_names_and_namespaces()
-
-
-def test_two_lasers_on_two_topics_localize_one_robot(start_drive: StartDrive) -> None:
-    topics, frames = ["front/scan", "rear/scan"], ["front", "rear"]
-    lasers = tuple(zip(frames, topics, strict=True))
-    drive = start_drive(parameters={"scan_topic": topics}, lasers=lasers)
-    drive.localize()
-    stamps = drive.drive(20)
-    assert [stamp for stamp in stamps if stamp not in drive.transforms] == []
-    assert drive.error()[0] < 0.3
 
 
 def test_the_pose_follows_after_simulated_time_is_set_back(start_drive: StartDrive) -> None:

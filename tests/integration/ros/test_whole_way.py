@@ -1,9 +1,5 @@
 """From a robot's scan to AMCL's pose, over the middleware that ROS 2 has by default."""
 
-import time
-
-import numpy as np
-import psutil
 import pytest
 
 pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
@@ -16,12 +12,6 @@ from vision_msgs.msg import Detection3D
 from tests.integration.ros.conftest import OpenRobot, StartDrive
 from tests.integration.ros.robot import LATCHED, SENSOR
 from tests.integration.waiting import wait_until
-
-SCANS = 2 * 3600 * 10
-WARM = 2000
-GROWTH_MB = 20.0
-LOST = 0.001
-"""Best-effort scans that a busy machine may lose."""
 
 
 def test_a_scan_gives_amcl_pose_and_every_scan_a_transform(
@@ -66,25 +56,3 @@ def test_without_a_given_pose_the_robot_is_found(start_drive: StartDrive) -> Non
     stamps = drive.drive(20)
     wait_until(lambda: drive.posed_ns in stamps)
     assert drive.error()[0] < 0.2
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-def test_two_hours_of_a_bag_at_speed(start_drive: StartDrive) -> None:
-    drive = start_drive()
-    process = psutil.Process(drive.node.pid)
-    drive.localize()
-    drive.drive(WARM)
-    warm_mb, begin_s = process.memory_info().rss / 1e6, time.monotonic()
-    stamps = drive.drive(SCANS, within_s=2.0)
-    took_s = time.monotonic() - begin_s
-    answered = [one for one in stamps if one in drive.transforms]
-    delays_ms = [1e3 * (drive.transforms[one][0] - drive.sent_s[one]) for one in answered]
-    grown_mb = process.memory_info().rss / 1e6 - warm_mb
-    print(  # noqa: T201 - the figures that docs/ros2.md has
-        f"{len(answered)} of {SCANS} scans in {took_s:.0f} s, p50, p95, p99"
-        f" {np.percentile(delays_ms, (50, 95, 99))} ms; {warm_mb:.0f} MB, then {grown_mb:+.1f}"
-    )
-    assert len(answered) > (1.0 - LOST) * SCANS
-    assert drive.error()[0] < 0.3
-    assert grown_mb < GROWTH_MB

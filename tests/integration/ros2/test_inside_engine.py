@@ -1,7 +1,6 @@
 """The engine inside of AMCL's node: the filter in a thread, without Zenoh and without ROS."""
 
 import math
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace as replaced
 from itertools import islice
@@ -160,26 +159,21 @@ def test_a_standing_robot_is_searched_for_and_else_makes_steps_only_on_request(
     driven.engine.put(map_reading(WORLD.map))
     stamp_ns = tick.laser.stamp_ns
 
-    def stand() -> None:
-        nonlocal stamp_ns
-        stamp_ns += 100_000_000
-        pose = tick.odometry[0].odom_from_robot
-        driven.engine.put(OdometryReading(sender="t", stamp_ns=stamp_ns, odom_from_robot=pose))
-        driven.engine.put(replace(tick.laser, stamp_ns=stamp_ns, odom_from_robot=pose))
-        wait_until(lambda: driven.engine.is_idle)
-        time.sleep(0.05)
-
     def stand_until(condition: Callable[[], object]) -> None:
         def holds() -> object:
-            stand()
+            nonlocal stamp_ns
+            stamp_ns += 100_000_000
+            pose = tick.odometry[0].odom_from_robot
+            driven.engine.put(OdometryReading(sender="t", stamp_ns=stamp_ns, odom_from_robot=pose))
+            driven.engine.put(replace(tick.laser, stamp_ns=stamp_ns, odom_from_robot=pose))
+            wait_until(lambda: driven.engine.is_idle)
             return condition()
 
         wait_until(holds, 60.0)
 
     stand_until(lambda: heard.beliefs and heard.beliefs[-1].state != "searching")
-    count = len(heard.beliefs)
-    for _ in range(10):
-        stand()
+    count, begun_ns = len(heard.beliefs), stamp_ns
+    stand_until(lambda: stamp_ns > begun_ns + 10**9)
     assert len(heard.beliefs) == count
     driven.engine.command(Update(sender="amcl", command_id=""))
     stand_until(lambda: len(heard.beliefs) == count + 1)

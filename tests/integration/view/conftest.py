@@ -22,7 +22,6 @@ from tests.integration.view.page import Page
 from tests.integration.waiting import patient_client
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-DRIVERS = ("chromedriver",)
 
 
 class System:
@@ -102,7 +101,7 @@ def started_browser() -> Any:
     if importlib.util.find_spec("selenium") is None:
         leave_out("selenium is not installed: pip install --group browser")
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    driver = next(filter(None, map(shutil.which, DRIVERS)), None)
+    driver = shutil.which("chromedriver")
     if browser is None or driver is None:
         leave_out("no Chromium with its driver: apt-get install chromium chromium-driver")
     from selenium import webdriver  # noqa: PLC0415 - an extra

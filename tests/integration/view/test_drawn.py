@@ -1,10 +1,8 @@
 import re
 from collections.abc import Callable, Iterator
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -12,19 +10,17 @@ from msgspec.structs import replace
 from clustermcl.protocol.answers import Belief, Drive, Kidnap, Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import Changes
-from clustermcl.protocol.job_events import Ended, JobEvents, NumberedEvent
 from clustermcl.protocol.steps import Landmark, Seen, TruePose
-from clustermcl.protocol.work import TrackReport
 from clustermcl.view.saved_page import saved_run
 from tests.integration.view.page import Page, press, problems
 from tests.integration.view.stage import Stage
 from tests.integration.waiting import wait_until
+from tests.unit.coordinator.reports import particles
 from tests.unit.view.messages import (
     belief,
     events,
     hypothesis,
     pose,
-    report,
     scan,
     simulator,
     status,
@@ -113,38 +109,30 @@ def is_scan(page: Page, where: tuple[float, float]) -> bool:
 
 
 def test_particles_are_drawn_in_their_clusters_colour(stage: Stage, drawn: Page) -> None:
-    believe(stage, drawn, belief(5, 4))  # its place is (4, 2)
-    x, y = 4.0, 4.5
+    believe(stage, drawn, belief(5, 8))  # its place is (8, 2)
+    x, y = 8.0, 4.5
     assert drawn.pixel_at(x, y) == (255, 255, 255)
-    stage.picture.on_report(with_particles_at(x, y))
+    stage.picture.on_particles(8, particles([(x, y, 0.0)] * 100, step=5))
     shows(stage, lambda: drawn.run("return liveView.view.clouds.size === 1"))
     red, _, blue = drawn.pixel_at(x, y)
     assert red > blue + 100  # the first colour is an orange
 
 
-def with_particles_at(x_m: float, y_m: float) -> TrackReport:
-    made = report(5, 4)
-    assert made.snapshot is not None
-    poses = ArrayBlob.of(np.tile((x_m, y_m, 0.0), (100, 1)), "float64")
-    snapshot = msgspec.structs.replace(made.snapshot, map_from_robot=poses)
-    return msgspec.structs.replace(made, snapshot=snapshot)
-
-
 def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
     stage: Stage, drawn: Page
 ) -> None:
-    tags = tuple(Landmark(name=f"tag {x}", x=x, y=2.0, sigma=0.1) for x in (3.0, 7.0))
+    tags = tuple(Landmark(name=f"tag {x}", x=x, y=2.0, sigma=0.1) for x in (3.0, 5.0))
     stage.show_map(121, 200, landmarks=tags)  # another map, so the page fetches it
     shows(stage, lambda: drawn.run("return liveView.view.map.frame.landmarks.length === 2"))
     flat = (0.01, 0.0, 0.0, 0.01)
     seen = Seen(landmark="tag 3.0", mean=(2.0, 0.0), covariance=flat, outlier_probability=0.05,
                 share=1.0)  # fmt: skip
-    stage.picture.on_scan(msgspec.structs.replace(scan(5, [0.0] * 4), observations=(seen,)))
-    believe(stage, drawn, belief(5, 1))
-    half_way = [(1.0 + 0.8776, 2.0 + 0.4794 + off) for off in (-0.01, 0.0, 0.01)]  # a thin line
+    stage.picture.on_scan(replace(scan(5, [0.0] * 4), observations=(seen,)))
+    believe(stage, drawn, belief(5, 8))
+    half_way = [(8.0 + 0.8776, 2.0 + 0.4794 + off) for off in (-0.01, 0.0, 0.01)]  # a thin line
     assert any(is_scan(drawn, where) for where in half_way)
     assert is_scan(drawn, (3.0, 2.0)), "a landmark that was seen has the colour of the scan"
-    red, green, _ = drawn.pixel_at(7.0, 2.0)
+    red, green, _ = drawn.pixel_at(5.0, 2.0)
     assert red == green or red < 60, "a landmark that was not seen is dark"
 
 
@@ -246,7 +234,7 @@ def many_places(step: int) -> Belief:
     reported = belief(step, *range(64))
     shares = 0.9 ** np.arange(64)
     places = [
-        msgspec.structs.replace(
+        replace(
             place,
             pose=(0.7 + 1.2 * (i * 5 % 8) + step / 50, 0.6 + 0.65 * (i // 8), i / 9),
             probability=float(0.9 * shares[i] / shares.sum()),
@@ -254,7 +242,7 @@ def many_places(step: int) -> Belief:
         )
         for i, place in enumerate(reported.hypotheses)
     ]
-    return msgspec.structs.replace(reported, hypotheses=tuple(places))
+    return replace(reported, hypotheses=tuple(places))
 
 
 def test_a_run_that_was_saved_plays_without_a_server(
@@ -273,33 +261,6 @@ def test_a_run_that_was_saved_plays_without_a_server(
     wait_until(lambda: shown_step(page) == 29)
     wait_until(lambda: page.text("slider-step") == "end")
     assert page.console() == []
-
-
-def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None:
-    """It is empty but for its rim and a pillar of one cell, which is still seen."""
-    stage.show_map(16384, 16384, pillar=(8001, 12002))
-    stage.picture.on_belief(belief(1, 4))
-    shows(stage, lambda: drawn.run("return liveView.view.map.frame.rows") == 4096)
-    assert drawn.pixel_at(400.0, 500.0) == (255, 255, 255)
-    assert drawn.run("return liveView.view.map.frame.cell_m") == pytest.approx(0.2)
-    drawn.run("liveView.view.lookAt([600.1, 400.05]); liveView.view.zoom(200)")
-    assert drawn.pixel_at(600.1, 400.05) == (0x2A, 0x32, 0x3B)
-    assert drawn.pixel_at(601.0, 400.05) == (255, 255, 255)
-
-
-@pytest.mark.parametrize("screen", ["320x800", "844x390", "1360x800"])
-def test_no_element_of_the_page_covers_another(stage: Stage, drawn: Page, screen: str) -> None:
-    """The commands, a caption, a refusal, the legend."""
-    play(stage, range(5))
-    stage.picture.on_status(status(processes=(simulator(),)))
-    with drawn.on_screen(screen):
-        shows(stage, lambda: drawn.is_visible("kidnap") and drawn.is_visible("timeline"))
-        drawn.run("liveView.take({system: {...liveView.system, story: 'sim'}})")
-        stage.picture.on_belief(belief(5, 1, 2))
-        shows(stage, lambda: drawn.is_visible("caption"))
-        drawn.run("liveView.take({done: {problem: 'Refused: ' + 'no free space. '.repeat(9)}})")
-        assert not drawn.run(OVERLAPS)
-        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
 
 
 OVERLAPS = """
@@ -331,34 +292,13 @@ return [...document.querySelectorAll("#clusters li[data-cluster]")].map((r) => r
 """
 
 
-def test_a_recorded_run_is_marked_as_recorded(stage: Stage, drawn: Page) -> None:
-    play(stage, range(3))
-    stage.picture.on_link("finished")
-    shows(stage, lambda: drawn.text("events") == "this recording holds no events")
-    shows(stage, lambda: drawn.text("freshness") == "recorded")
-    assert not drawn.is_visible("system")  # it does not know of workers
-
-
-def test_layers_are_switched(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))
-    believe(stage, drawn, belief(5, 1))
-    end = (1.0 + 2.5 * 0.8776, 2.0 + 2.5 * 0.4794)
-    wall = (5.0, 0.02)
-    assert is_scan(drawn, end)
-    assert drawn.pixel_at(*wall) == (0x2A, 0x32, 0x3B)
-    for layer in ("scan", "map"):
-        drawn.driver.find_element("css selector", f"[data-layer={layer}]").click()
-    assert not is_scan(drawn, end)
-    assert drawn.pixel_at(*wall) != (0x2A, 0x32, 0x3B)
-
-
 def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page) -> None:
     """It looks along the wall of a room of 10 m by 6 m, from (1, 2) to the right."""
-    straight = msgspec.structs.replace(hypothesis(1, 0.9), pose=(1.0, 2.0, 0.0))
+    straight = replace(hypothesis(1, 0.9), pose=(1.0, 2.0, 0.0))
     beams = [7.95, 20.0, 7.95, 1.0]  # ahead to the wall; then left, back and right
-    seen = msgspec.structs.replace(scan(5, beams), range_max_m=30.0)
+    seen = replace(scan(5, beams), range_max_m=30.0)
     stage.picture.on_scan(seen)
-    believe(stage, drawn, msgspec.structs.replace(belief(5, 1), hypotheses=(straight,)))
+    believe(stage, drawn, replace(belief(5, 1), hypotheses=(straight,)))
     assert not drawn.is_visible("beams")
     x, y = drawn.screen_of(1.0, 2.0)
     drawn.drag_on_map((x, y), (x, y))
@@ -369,36 +309,6 @@ def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page
     assert "1 short of one" in legend
     press(drawn, "\ue00c")  # Esc
     shows(stage, lambda: not drawn.is_visible("beams"))
-
-
-def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
-    stage: Stage, drawn: Page
-) -> None:
-    play(stage, range(30))
-    has_steps(stage, drawn, 30)
-    plot = drawn.driver.find_element("id", "plot")
-    drawn.actions().move_to_element(plot).perform()
-    assert drawn.text("plot-at").startswith("step ")
-    assert drawn.text("plot-at").endswith("place 1 45 %, place 2 45 %")
-
-
-def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: Page) -> None:
-    ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
-    stamp_ns = round(datetime(2026, 1, 2, 3, 4, 5).timestamp() * 1e9)
-    searches = [Ended(f"s0.{n}", "search over", (), None) for n in range(3)]
-    reported = [
-        NumberedEvent(number=n, step=9, stamp_ns=stamp_ns, event=event)
-        for n, event in enumerate([*ended, *searches])
-    ]
-    stage.picture.on_events(JobEvents(sender="c", events=tuple(reported), term=1))
-    listed = "return [...document.querySelectorAll('#events li')].map((li) => li.innerText)"
-    shows(stage, lambda: len(drawn.run(listed)) == 2)
-    searches_line, clusters_line = drawn.run(listed)
-    assert searches_line.split("\n") == ["03:04:05", "search 0 is over"]
-    assert clusters_line.split("\n") == [
-        "03:04:05",
-        "4 places dropped: improbable (<\u00a00.1\u00a0%)",
-    ]
 
 
 NOWHERE = {"hypotheses": (), "searching": True}
@@ -465,6 +375,8 @@ def test_axe_finds_nothing(stage: Stage, drawn: Page, screen: str, shown: str) -
                 press(drawn, "?")
                 assert "kidnap" in drawn.text("keys")
         assert problems(drawn) == []
+        assert not drawn.run(OVERLAPS), "no element of the page covers another"
+        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
 
 
 def test_a_demo_shows_its_captions(stage: Stage, drawn: Page) -> None:
@@ -473,14 +385,11 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page) -> None:
     drawn.run("liveView.take({system: {...liveView.system, story: 'sim'}})")
 
     def shows_text(step: int, text: str, **changed: Any) -> None:
-        stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))
+        stage.picture.on_belief(replace(belief(step, 1, 2), **changed))
         shows(stage, lambda: text in drawn.text("caption"))
 
     shows_text(2, "Two places are possible")
     assert not drawn.is_visible("again")
-    shows_text(3, "50 places are possible", hypotheses=belief(3, *range(50)).hypotheses)
-    shows_text(4, "Where is the robot?", state="searching")
-    shows_text(5, "no place explains the scan", state="lost")
     shows_text(6, "fits one place alone", state="localized")
     drawn.click("again")
     shows(stage, lambda: [type(one) for one in stage.commands] == [Relocalize])

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.integration.view.conftest import System
-from tests.integration.view.page import Page, press
+from tests.integration.view.page import Page
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.browser
@@ -86,21 +86,6 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     running.click("confirm-yes")
     wait_until(lambda: system.causes().count("search requested") > requested)
     wait_until(lambda: "search requested: by view" in running.text("events"))
-
-
-def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
-    def pressed(keys: str) -> dict[str, float]:
-        press(running, keys)
-        return running.section()
-
-    fitted = pressed("f")
-    assert pressed("++")["scale"] == pytest.approx(fitted["scale"] * 1.3**2)
-    assert pressed("\ue014")["x"] > fitted["x"]  # the right arrow
-    assert pressed("f") == fitted
-    pressed("l")
-    assert running.run("return liveView.view.follow")
-    pressed("f")
-    assert not running.run("return liveView.view.follow")
 
 
 def test_the_page_survives_a_restart_of_the_system(running: Page, system: System) -> None:

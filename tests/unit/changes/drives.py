@@ -1,6 +1,7 @@
 """A robot that drives through a room whose walls are not as mapped."""
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -88,7 +89,4 @@ class Drive:
 
     def kinds(self) -> dict[int, int]:
         """Return the numbers of changed cells by kind."""
-        kinds = self.collector.changes("test").cells.array()[:, 1]
-        return dict(
-            zip(*(each.tolist() for each in np.unique(kinds, return_counts=True)), strict=True)
-        )
+        return dict(Counter(self.collector.changes("test").cells.array()[:, 1].tolist()))

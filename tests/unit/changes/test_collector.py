@@ -6,7 +6,6 @@ from msgspec.structs import replace
 
 from clustermcl.changes import collector as collecting
 from clustermcl.changes.collector import ChangeCollector
-from clustermcl.filter.arrays import FREE, OCCUPIED
 from clustermcl.protocol.changes import GONE, MOVED, NEW
 from clustermcl.recordings.maps.grid_map import coarse
 from tests.unit.changes.drives import CHAIR, OLD, SHELF, TRUE, Drive, room, scan_at
@@ -160,12 +159,3 @@ def test_any_scan_at_any_pose_is_taken(
         drive.collector.on_step(scan, "localized", (place(1.0, pose),))
     assert drive.kinds() == {}
     assert not (drive.collector._codes & 0xFFF0).any()  # no mark of a scan stays
-
-
-def test_free_ground_is_what_the_map_has() -> None:
-    collector = ChangeCollector(OLD)
-    free = np.count_nonzero(coarse(OLD.cells, 2) == FREE)
-    assert np.count_nonzero(collector._codes & 2) == free
-    assert np.count_nonzero(collector._codes & 1) == np.count_nonzero(
-        coarse(OLD.cells, 2) == OCCUPIED
-    )

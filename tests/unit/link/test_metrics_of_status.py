@@ -14,7 +14,7 @@ from clustermcl.runtime.settings import MetricsSettings
 from tests.unit.evaluation import places
 
 STATUS = msgspec.structs.replace(
-    places.STATUS, overloaded=True, scan_age_s=3.5,
+    places.STATUS, overloaded=True, scan_age_s=3.5, floors={"third": 0.9},
     workers={"worker-0": ("c1", "c2"), "worker-1": ()},
 )  # fmt: skip
 
@@ -56,6 +56,7 @@ def test_every_figure_of_the_status_is_a_metric() -> None:
         ("clustermcl_clusters", ()): 3.0,
         ("clustermcl_searching", ()): 1.0,
         ("clustermcl_overloaded", ()): 1.0,
+        ("clustermcl_floor_probability", (("floor", "third"),)): 0.9,
         ("clustermcl_workers", ()): 2.0,
         ("clustermcl_worker_jobs", (("worker", "worker-0"),)): 2.0,
         ("clustermcl_process_uptime_seconds", worker): 9.0,

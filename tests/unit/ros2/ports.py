@@ -1,15 +1,33 @@
-"""A port between a graph of ROS and an engine that keep what they are given."""
+"""A port between a graph of ROS and an engine that keep what they are given, and beliefs."""
 
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from msgspec.structs import replace
+
+from clustermcl.protocol.answers import Belief, State
 from clustermcl.protocol.causes import AnyCause
+from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.ros2.parameter_table import Value
 from clustermcl.ros2.port import Port
 from clustermcl.ros2.sides import Command, Reading
 from clustermcl.ros2.topics import Topic
 from clustermcl.runtime.settings import Settings
+from tests.unit.evaluation import places as made
+
+COVARIANCE: Covariance = (0.04, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.02)
+
+
+def belief(
+    stamp_ns: int, *places: tuple[int, float, PoseTuple], state: State = "ambiguous", term: int = 1
+) -> Belief:
+    """Places are cluster, probability and pose, most probable first."""
+    drawn = [
+        made.place(probability, mean, cluster=cluster, covariance=COVARIANCE)
+        for cluster, probability, mean in places
+    ]
+    return replace(made.belief(stamp_ns, state, *drawn, term=term), stamp_ns=stamp_ns)
 
 
 class Publish(NamedTuple):

@@ -15,8 +15,7 @@ from clustermcl.ros2.port import Port
 from clustermcl.ros2.pose_choice import PoseChoice
 from clustermcl.runtime.settings import BridgeSettings, Ros2Settings, Settings
 from tests.unit.maps.test_building import write_building
-from tests.unit.ros2.beliefs import COVARIANCE, belief
-from tests.unit.ros2.ports import Kept
+from tests.unit.ros2.ports import COVARIANCE, Kept, belief
 from tests.unit.ros2.test_amcl import SECOND, grid
 from tests.unit.ros2.test_port import active
 

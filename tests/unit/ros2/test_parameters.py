@@ -15,36 +15,23 @@ from clustermcl.ros2.sides import EngineStatus
 from clustermcl.ros2.topics import Topics
 from clustermcl.runtime.settings import Ros2Settings, Settings
 from clustermcl.runtime.settings_file import load_settings
-from clustermcl.runtime.settings_table import TABLE
-from tests.unit.ros2.beliefs import belief
-from tests.unit.ros2.ports import port
+from clustermcl.runtime.settings_table import value_of
+from tests.unit.ros2.ports import belief, port
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
 
 
-def test_every_parameter_has_a_setting_or_a_reason() -> None:
-    for parameter in PARAMETERS.values():
-        assert bool(parameter.setting) != bool(parameter.reason), parameter.name
-        assert not parameter.setting or parameter.setting in TABLE, parameter.name
-    assert len(PARAMETERS) >= 46
-
-
-def test_every_parameter_survives_conversion_to_its_setting_and_back() -> None:
-    settings = Settings()
-    for parameter in PARAMETERS.values():
-        value = parameter.value(settings)
-        assert type(value) is type(parameter.default), parameter.name
-        if parameter.setting:
-            section, _, key = parameter.setting.rpartition(".")
-            ours = getattr(getattr(settings, section) if section else settings, key)
-            assert parameter.converted(value) == pytest.approx(ours), parameter.name
-
-
-def test_the_page_lists_the_setting_or_the_reason_of_every_parameter() -> None:
+def test_every_parameter_has_a_setting_that_converts_back_or_a_reason_as_the_page_says() -> None:
     rows = dict(re.findall(r"^\| `([\w.]+)` \| (.*) \|$", PAGE.read_text(), re.MULTILINE))
-    for parameter in PARAMETERS.values():
-        expected = f"`{parameter.setting}`" if parameter.setting else parameter.reason
-        assert expected in rows[parameter.name], parameter.name
+    assert len(PARAMETERS) >= 46
+    for name, parameter in PARAMETERS.items():
+        assert bool(parameter.setting) != bool(parameter.reason), name
+        value = parameter.value(Settings())
+        assert type(value) is type(parameter.default), name
+        if parameter.setting:
+            ours = value_of(Settings(), parameter.setting)
+            assert parameter.converted(value) == pytest.approx(ours), name
+        assert (f"`{parameter.setting}`" if parameter.setting else parameter.reason) in rows[name]
 
 
 # --- a file of nav2
@@ -81,11 +68,10 @@ bt_navigator:
 def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
     values, notes = read_nav2_params(write(tmp_path, STOCK))
     settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=values)
-    assert settings.motion.turn_noise_per_turn == 0.5
-    assert settings.motion.model == "omnidirectional"
-    assert settings.sensor.max_beams == 90
-    assert settings.sensor.model == "likelihood_field"
-    assert settings.sensor.max_range_m == Settings().sensor.max_range_m
+    motion, sensor = settings.motion, settings.sensor
+    assert (motion.turn_noise_per_turn, motion.model) == (0.5, "omnidirectional")
+    assert (sensor.max_beams, sensor.model) == (90, "likelihood_field")
+    assert sensor.max_range_m == Settings().sensor.max_range_m
     assert settings.bridge.gate_distance_m == 0.3
     assert settings.ros2 == Ros2Settings(
         base_frame="base_link",
@@ -165,18 +151,12 @@ def test_an_invalid_parameter_file_is_refused(tmp_path: Path, text: str, problem
     ("parameter", "problem"),
     [
         ("max_beams: many", "max_beams = 'many': nav2 expects an integer"),
-        ("max_beams: [6]", r"max_beams = \[6\]: nav2 expects an integer"),
         ("tf_broadcast: 1", "tf_broadcast = 1: nav2 expects true or"),
         ("alpha1: -0.2", "alpha1 = -0.2: a variance must not be neg"),
-        ("alpha1: [0.2]", r"alpha1 = \[0.2\]: nav2 expects a number"),
-        ("alpha1: $(var a)", "only ROS's launch files can replace"),
         ("odom_frame_id: null", "odom_frame_id = None: nav2 expects"),
         ("robot_model_type: my::MotionModel", "nav2 has nav2_amcl::DifferentialMotionModel, nav2"),
         ("laser_model_type: ndt", "nav2 has likelihood_field, like"),
-        (
-            "base_frame_id: $(var base)",
-            r"base_frame_id = '\$\(var base\)': only ROS's launch files",
-        ),
+        ("base_frame_id: $(var base)", "only ROS's launch files can replace"),
         ("scan_topic: <robot_namespace>/scan", "<robot_namespace>: w"),
         ("scan_topic: [1]", r"scan_topic = \[1\]: nav2 expects a string"),
     ],
@@ -189,9 +169,8 @@ def test_an_invalid_parameter_is_refused(tmp_path: Path, parameter: str, problem
 
 def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> None:
     path = write(tmp_path, "amcl:\n  ros__parameters: {max_beams: 0}\n")
-    values = read_nav2_params(path)[0]
     with pytest.raises(SettingsError, match=r"nav2_params.yaml: sensor.max_beams = 0"):
-        load_settings(None, [], beneath=values, beneath_from=str(path))
+        load_settings(None, [], beneath=read_nav2_params(path)[0], beneath_from=str(path))
 
 
 # --- while the node runs
@@ -201,7 +180,6 @@ def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> No
     ("name", "value", "reason"),
     [
         ("publish", "all", "expected"),
-        ("publish", True, "publish = True: nav2 expects a string"),
         ("publish", None, "publish = None: nav2 expects a string"),
         ("transform_tolerance", -1.0, "ros2.transform_tolerance_s"),
         ("max_beams", 0, "max_beams: sensor.max_beams = 0: expected"),
@@ -239,7 +217,6 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
         kept.log.clear()
         return poses
 
-    tested.enter(State.INACTIVE)
     tested.enter(State.ACTIVE)
     assert given() == [(1.0, 0.0, 0.0)]
     tested.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized"))
@@ -247,24 +224,22 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     assert kept.shown == {}
     tested.enter(State.UNCONFIGURED)
     assert kept.shown == {"initial_pose.x": 5.0, "initial_pose.y": -3.0, "initial_pose.yaw": 0.5}
-    tested.enter(State.INACTIVE)
     tested.enter(State.ACTIVE)
     assert given() == [(5.0, -3.0, 0.5)]
     assert tested.parameters.settings.ros2.initial_x_m == 5.0
     assert kept.bonds == [True, False, True]
 
 
-def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose() -> None:
-    for is_set in (True, False):
-        settings = Settings(ros2=Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0))
-        tested, kept = port(settings)
-        tested.enter(State.INACTIVE)
-        if not is_set:
-            tested.enter(State.ACTIVE)
-            tested.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized"))
-            tested.enter(State.INACTIVE)
-        tested.enter(State.UNCONFIGURED)
-        assert (tested.parameters.settings, kept.shown) == (settings, {})
+@pytest.mark.parametrize("is_set", [True, False])
+def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose(is_set: bool) -> None:
+    settings = Settings(ros2=Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0))
+    tested, kept = port(settings)
+    tested.enter(State.ACTIVE)
+    if not is_set:
+        tested.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized"))
+    tested.enter(State.INACTIVE)
+    tested.enter(State.UNCONFIGURED)
+    assert (tested.parameters.settings, kept.shown) == (settings, {})
 
 
 NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_max", "z_rand", "z_short")

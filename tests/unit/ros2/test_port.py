@@ -13,8 +13,7 @@ from clustermcl.ros2.port import SERVICES, Port, State
 from clustermcl.ros2.sides import EngineStatus
 from clustermcl.runtime.settings import Ros2Settings, Settings
 from tests.ros_messages import link, new
-from tests.unit.ros2.beliefs import COVARIANCE, belief
-from tests.unit.ros2.ports import Kept, port
+from tests.unit.ros2.ports import COVARIANCE, Kept, belief, port
 from tests.unit.ros2.test_amcl import SECOND, grid, scan
 
 PLACES = ((1, 0.95, (5.0, -3.0, 0.5)),)

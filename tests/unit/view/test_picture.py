@@ -1,4 +1,5 @@
 import json
+import zlib
 from typing import Any
 
 import msgspec
@@ -6,12 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from clustermcl.protocol.steps import TruePose
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.job_events import Ended, NumberedEvent
+from clustermcl.protocol.steps import MapMessage, TruePose
 from clustermcl.protocol.work import Particles
+from clustermcl.view import frames
 from clustermcl.view.browser import MESSAGES_AHEAD, Browser
 from clustermcl.view.commands import Drawn
-from clustermcl.view.frames import MAX_PARTICLES, cloud_frame
+from clustermcl.view.frames import MAX_PARTICLES, cloud_frame, reduced
 from clustermcl.view.picture import NEWEST_ROWS, SLOTS, Picture, colour_slots
 from clustermcl.view.step_archive import LOOK_BACK_STEPS, StepArchive
 from tests.unit.coordinator.reports import particles
@@ -75,15 +80,13 @@ def test_a_late_true_pose_is_drawn_at_its_step_and_added_to_the_trail(picture: P
     assert rows(picture.everything()["history"]["rows"])[-1][2] == [1.0, 1.0, 0.0]
 
 
-def test_a_command_that_changes_a_step_replaces_it(picture: Picture) -> None:
-    picture.on_belief(belief(5, 1))
-    picture.on_belief(belief(5, 1, 2))
-    history = rows(picture.everything()["history"]["rows"])
-    assert [(row[0], len(row[1])) for row in history] == [(5, 2)]
-
-
-def test_steps_that_restart_also_restart_the_history(picture: Picture) -> None:
+def test_a_step_again_replaces_it_and_steps_that_restart_also_restart_the_history(
+    picture: Picture,
+) -> None:
     picture.on_belief(belief(500, 1))
+    picture.on_belief(belief(500, 1, 2))
+    history = rows(picture.everything()["history"]["rows"])
+    assert [(row[0], len(row[1])) for row in history] == [(500, 2)]
     picture.changes()
     assert picture.past(3) == {"events": []}
     picture.on_belief(belief(0, 1))
@@ -155,6 +158,18 @@ def test_events_are_shown_in_order_and_a_gap_is_noticed(picture: Picture) -> Non
     assert [e["step"] for e in picture.changes()["events"]] == [0, 1, 2, 3, 4]
 
 
+def test_events_with_the_same_cause_and_step_are_one_line(picture: Picture) -> None:
+    ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
+    over = [Ended(f"s0.{n}", "search over", (), None) for n in range(3)]
+    numbered = tuple(
+        NumberedEvent(number=n, step=9, stamp_ns=0, event=event)
+        for n, event in enumerate([*ended, *over])
+    )
+    picture.on_events(replace(events(), events=numbered))
+    texts = [event["text"] for event in picture.changes()["events"]]
+    assert texts == ["4 places dropped: improbable (< 0.1 %)", "search 0 is over"]
+
+
 @pytest.mark.parametrize("first", [0, 2, 4])
 def test_the_events_of_a_new_term_follow_those_before_its_first(
     picture: Picture, first: int
@@ -206,22 +221,14 @@ def test_nothing_is_sent_while_a_slow_page_draws() -> None:
         assert page.received == [b"{m,1}", b"{2}", b"{3}"]
 
 
-def test_a_fast_page_may_acknowledge_several_messages_together() -> None:
+@pytest.mark.parametrize("together", [1, MESSAGES_AHEAD])
+def test_the_newest_frame_of_each_topic_waits_for_a_fast_page(together: int) -> None:
     page = _Page()
     for number in range(100):
-        page.browser.offer({"step": b"%d" % number})
-    assert len(page.received) == MESSAGES_AHEAD
-    page.browser.on_drawn(Drawn(MESSAGES_AHEAD))
-    assert page.received[MESSAGES_AHEAD:] == [b"{99}"]
-
-
-def test_only_the_newest_frame_of_each_topic_waits() -> None:
-    page = _Page()
-    for number in range(1000):
         page.browser.offer({"step": b"%d" % number, "pose": b"p"})
-    del page.received[:]
-    page.browser.on_drawn(Drawn(1))
-    assert page.received == [b"{999,p}"]
+    assert len(page.received) == MESSAGES_AHEAD
+    page.browser.on_drawn(Drawn(together))
+    assert page.received[MESSAGES_AHEAD:] == [b"{99,p}"]
 
 
 def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
@@ -242,11 +249,7 @@ def test_particles_are_drawn_in_proportion_to_their_weight() -> None:
     points = cloud_frame(1, cloud(poses, log_weights))["points"]
     assert len(points) == 3 * MAX_PARTICLES
     assert np.mean(np.array(points[::3]) == 100) == pytest.approx(0.25, abs=0.01)
-
-
-def test_particles_without_weight_are_not_drawn() -> None:
-    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    points = cloud_frame(1, cloud(poses, np.array([-np.inf, 0.0])))["points"]
+    points = cloud_frame(1, cloud(poses[999:1001], np.array([-np.inf, 0.0])))["points"]
     assert set(points[::3]) == {100}
 
 
@@ -260,24 +263,18 @@ def shown(archive: StepArchive, step: int) -> dict[str, object]:
     return {topic: json.loads(bytes(frame)) for topic, frame in archive.at(step).items()}
 
 
-@pytest.mark.parametrize(("added", "step", "expected"), [
-    ([(n, "step", n) for n in range(5)], 3, {"step": 3}),
-    ([(1, "cloud 7", "old"), (1, "step", 1), (2, "step", 2), (3, "cloud 7", "new")], 2,
-     {"cloud 7": "old", "step": 2}),
-    ([(1, "cloud 7", "old"), (2, "step", 2), (3, "cloud 7", "new")], 3,
-     {"cloud 7": "new", "step": 2}),
-    ([(1, "cloud 7", "old"), (LOOK_BACK_STEPS + 2, "step", 2)], LOOK_BACK_STEPS + 2, {"step": 2}),
-    ([(1, "step", "first"), (1, "step", "second")], 1, {"step": "second"}),
-], ids=[
-    "as it was added", "valid until the next of its topic", "replaced by the next of its topic",
-    "not long after its step", "the second of a step",
-])  # fmt: skip
-def test_a_step_has_the_last_frame_of_each_topic(
-    added: list[tuple[int, str, object]], step: int, expected: dict[str, object]
+@given(
+    added=st.lists(st.tuples(st.integers(0, 3 * LOOK_BACK_STEPS), st.sampled_from("abc"))),
+    step=st.integers(0, 3 * LOOK_BACK_STEPS), size=st.sampled_from([0, 20_000]),
+)  # fmt: skip
+def test_a_step_has_the_last_frame_of_each_topic_unless_it_is_old(
+    added: list[tuple[int, str]], step: int, size: int
 ) -> None:
-    archive = StepArchive()
-    for one in added:
-        archive.add(*one)
+    archive, expected = StepArchive(), {}
+    for number, (at, topic) in enumerate(sorted(added)):
+        archive.add(at, topic, (number, size * "x"))
+        if step - LOOK_BACK_STEPS <= at <= step:
+            expected[topic] = [number, size * "x"]
     assert shown(archive, step) == expected
 
 
@@ -293,3 +290,34 @@ def test_frames_beyond_the_limit_drop_the_oldest_steps(
     for step in (0, 89, 90, 99):
         expected = {"step": list(range(step, step + length))} if step >= oldest else {}
         assert shown(archive, step) == expected
+
+
+def packed_map(cells: np.ndarray) -> MapMessage:
+    rows, cols = cells.shape
+    return replace(map_message(), rows=rows, cols=cols, zlib_cells=zlib.compress(cells.tobytes()))
+
+
+def reduced_cells(message: MapMessage) -> list[list[int]]:
+    made = reduced(message)
+    assert made.cell_m == message.cell_m * 2
+    packed = zlib.decompress(made.zlib_cells)
+    cells: list[list[int]] = np.frombuffer(packed, np.int8).reshape(made.rows, made.cols).tolist()
+    return cells
+
+
+def test_in_a_reduced_map_a_wall_wins_before_a_free_cell_and_the_rim_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(frames, "MAX_SIDE", 4)
+    small = packed_map(np.zeros((4, 3), np.int8))
+    assert reduced(small) is small
+    cells = np.full((6, 8), -1, np.int8)
+    cells[0:2, 0:2] = [[0, 0], [0, 1]]
+    cells[2, 2] = 0
+    assert reduced_cells(packed_map(cells)) == [[1, -1, -1, -1], [-1, 0, -1, -1], [-1] * 4]
+    cells = np.zeros((7, 5), np.int8)
+    cells[6, 4] = 1
+    assert reduced_cells(packed_map(cells)) == [[0] * 3, [0] * 3, [0] * 3, [0, 0, 1]]
+    for damaged in (b"rubbish", zlib.compress(b"\0" * 30)):
+        with pytest.raises(MalformedMessageError, match="map"):
+            reduced(replace(packed_map(cells), zlib_cells=damaged))

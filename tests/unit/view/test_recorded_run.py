@@ -11,7 +11,6 @@ import pytest
 
 from clustermcl.belief.outcome import belief_after
 from clustermcl.evaluation.run import Case, Run, SimulatedRobot
-from clustermcl.link.metrics_of_status import StatusCollector
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -24,7 +23,7 @@ from clustermcl.view.recorded_run import RecordedRun, view_recording
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import Recordings
 from tests.unit.recordings.test_run_log import STEPS, step_scan, write_run
-from tests.unit.view.messages import belief, map_message, status
+from tests.unit.view.messages import belief, map_message
 
 
 def read(run: RecordedRun) -> RecordedRun:
@@ -56,13 +55,14 @@ def past(run: RecordedRun, step: int) -> dict[str, Any]:
     return {topic: json.loads(bytes(frames[topic])) for topic in frames if topic != "events"}
 
 
-def test_all_steps_are_shown(file: Path) -> None:
+def test_all_steps_are_shown_on_the_recorded_map_or_a_given_one(file: Path) -> None:
     shown = read(RecordedRun(file, None)).picture.everything()
     assert shown["system"]["link"] == "finished"
     assert shown["system"]["robot"] == "run"
     assert not shown["system"]["commands"]
     assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(STEPS))
     assert shown["map"]["digest"] == world("cross").map.digest
+    assert read(RecordedRun(file, map_message())).picture.everything()["map"]["rows"] == 2
 
 
 @pytest.mark.parametrize("step", [1, STEPS - 1])
@@ -80,21 +80,14 @@ def test_a_flight_recording_is_shown_from_file_to_file(tmp_path: Path) -> None:
         living.drive(step)
     assert len(list(tmp_path.iterdir())) > 1
     flight = read(RecordedRun(tmp_path, map_message()))
-    shown = flight.picture.everything()
-    assert shown["step"]["step"] == 29
-    assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(30))
-    frames = past(flight, 20)
-    step, pose = frames["step"], frames["pose"]
+    history = flight.picture.everything()["history"]
+    assert [json.loads(bytes(row))[0] for row in history["rows"]] == list(range(30))
+    step, pose = (past(flight, 20)[topic] for topic in ("step", "pose"))
     assert (step["step"], pose["step"]) == (20, 20)
     assert len(step["places"]) >= 2
     assert len(step["scan"]) > 20
     assert pose["pose"] == step["places"][0]["pose"]
     assert any(event["kind"] == "began" for event in flight.picture.past(20)["events"])
-
-
-def test_a_given_map_is_drawn_in_place_of_that_in_the_log(file: Path) -> None:
-    run = read(RecordedRun(file, map_message()))
-    assert run.picture.everything()["map"]["rows"] == 2
 
 
 def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
@@ -157,10 +150,3 @@ def test_a_run_is_written_for_reruns_viewer(
         assert f" /{entity} " in printed
     assert f"[[{np.float32(x)!s}, {np.float32(y)!s}, " in printed  # as in the atlas
     assert "Scalars:scalars" in printed
-
-
-def test_floors_are_metrics() -> None:
-    told = msgspec.structs.replace(status(), floors={"ground": 0.9, "third": 0.1})
-    samples = [s for m in StatusCollector(lambda: told, "r").collect() for s in m.samples]
-    floors = {s.labels["floor"]: s.value for s in samples if "floor_probability" in s.name}
-    assert floors == told.floors

@@ -1,4 +1,4 @@
-"""Observations of other sensors: poses in the map, and tags."""
+"""Observations of other sensors, poses in the map and tags; and the encoder of particles."""
 
 import math
 from math import inf, nan
@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clustermcl.protocol.steps import Observation
 from clustermcl.recordings.rigid import Rigid
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2.messages_in import MOST_OBSERVATIONS
-from clustermcl.ros2.messages_out import header, pose_stamped, transform
+from clustermcl.ros2.messages_out import header, particle_cloud, pose_stamped, transform
 from clustermcl.runtime.settings import Ros2Settings
-from tests.ros_messages import new
-from tests.unit.ros2.beliefs import COVARIANCE
-from tests.unit.ros2.ports import Refused
+from tests.ros_messages import decode, new, typestore
+from tests.unit.ros2.ports import COVARIANCE, Refused
 from tests.unit.ros2.test_amcl import PLACE, SECOND, Robot, causes
 
 OPTICAL = Rigid(0.2, 0.0, 0.5, -0.5, 0.5, -0.5, 0.5)
@@ -99,3 +100,24 @@ def test_a_tag_without_transform_is_refused_and_a_flood_is_bounded() -> None:
     assert robot.wait(9 * SECOND) == []
     (refused,) = with_camera().observe(tags(7, stamp_ns=0), "tags")
     assert refused == Refused("observation refused", "tags: it has no stamp")
+
+
+@given(
+    count=st.integers(0, 5), frame=st.text(max_size=9), stamp_ns=st.integers(0, 2**31 * 10**9 - 1)
+)
+def test_the_fast_cloud_has_the_bytes_of_the_general_encoder(
+    count: int, frame: str, stamp_ns: int
+) -> None:
+    rng = np.random.default_rng(3)
+    poses, weights = rng.normal(size=(count, 3)), rng.random(count)
+    data = particle_cloud(poses, weights, stamp_ns, frame)
+    cloud = decode(data, types.PARTICLE_CLOUD)
+    assert bytes(typestore().serialize_cdr(cloud, types.PARTICLE_CLOUD)) == data
+    assert cloud.header.frame_id == frame
+    assert cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec == stamp_ns
+    for particle, pose, weight in zip(cloud.particles, poses, weights, strict=True):
+        turn = particle.pose.orientation
+        assert (particle.pose.position.x, particle.pose.position.y) == (pose[0], pose[1])
+        assert particle.weight == weight
+        heading = 2.0 * np.arctan2(turn.z, turn.w)
+        assert np.isclose(np.remainder(heading - pose[2] + np.pi, 2 * np.pi), np.pi)
