@@ -154,7 +154,7 @@ def _stamp_of(message: Any) -> int:
 
 
 def _checked(message: Any, topic: str, name: str, mean: Any, covariance: Any) -> Observation:
-    """Return an observation; a ValueError says what is missing or not valid in it."""
+    """Return an observation; a ValueError names what is missing or not valid in it."""
     seen = Observation(
         sender=topic[-MAX_ID_CHARACTERS:],
         stamp_ns=_stamp_of(message),

@@ -133,8 +133,9 @@ class LiveLoop:
 
     def _on_report(self, payload: bytes) -> None:
         reported: type[TrackReport] = Reported  # type: ignore[assignment] # a union
-        if isinstance(report := decode(payload, reported), TrackReport):
-            self.picture.on_report(report)
+        report = decode(payload, reported)
+        if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:
+            self.picture.on_particles(report.cluster, report.snapshot)
 
     def _on_events(self, events: JobEvents, _received: Received | None = None) -> None:
         if not self.picture.on_events(events):

@@ -13,7 +13,7 @@ from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import MapMessage, Scan, TruePose
-from clustermcl.protocol.work import Particles, TrackReport
+from clustermcl.protocol.work import Particles
 from clustermcl.view import frames
 from clustermcl.view.step_archive import StepArchive
 
@@ -92,7 +92,7 @@ class Picture:
                 self._term = self._events_term = 0  # the next coordinator may count from 0
 
     def on_map(self, message: MapMessage) -> None:
-        """Draw a map; a MalformedMessageError says that it is damaged."""
+        """Draw a map; if it is damaged, this raises a MalformedMessageError."""
         self.map, self._floors = frames.reduced(message), message.floors
         self._set("map", frames.map_frame(self.map))
 
@@ -109,10 +109,6 @@ class Picture:
         _keep(self._truths, truth.step, pose)
         if shown := self._shown_at(truth.step):
             self._set_step({**shown, "truth": pose})
-
-    def on_report(self, report: TrackReport) -> None:
-        if report.snapshot is not None and report.cluster is not None:
-            self.on_particles(report.cluster, report.snapshot)
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         self._show(f"cloud {cluster}", frames.cloud_frame(cluster, particles))

@@ -31,7 +31,7 @@ _SIDE_INCHES, _DPI = 10.0, 150
 
 
 class NoExtraError(ClusterMclError, ImportError):
-    """What was asked for needs a library that is not installed."""
+    """A library that a command needs is not installed."""
 
     def __init__(self, extra: str, error: ImportError) -> None:
         super().__init__(f"it needs an extra: pip install 'clustermcl[{extra}]' ({error})")

@@ -10,7 +10,6 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.health import Health, SourceHealth
 from clustermcl.protocol.job_events import Began, JobEvents, NumberedEvent
 from clustermcl.protocol.steps import MapMessage, Scan
-from clustermcl.protocol.work import TrackReport
 from tests.unit.coordinator import reports
 from tests.unit.evaluation import places
 
@@ -25,12 +24,6 @@ def belief(step: int, *clusters: int, term: int = 1) -> Belief:
     shown = [hypothesis(cluster, 0.9 / len(clusters)) for cluster in clusters]
     made = places.belief(step, "ambiguous", *shown, elsewhere_probability=0.1, term=term)
     return replace(made, stamp_ns=step)
-
-
-def report(step: int, cluster: int, *, job: str = "", particles: int = 100) -> TrackReport:
-    mean = (float(cluster), 2.0, 0.5)
-    snapshot = reports.particles(np.tile(mean, (particles, 1)), step=step) if particles else None
-    return reports.tracked(job or f"c{cluster}", step, 1.0, mean, epoch=1, snapshot=snapshot)
 
 
 def scan(step: int, ranges: list[float], *, digest: str = "d1") -> Scan:

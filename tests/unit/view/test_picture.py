@@ -19,16 +19,8 @@ from clustermcl.view.commands import Drawn
 from clustermcl.view.frames import MAX_PARTICLES, cloud_frame, reduced
 from clustermcl.view.picture import NEWEST_ROWS, SLOTS, Picture, colour_slots
 from clustermcl.view.step_archive import LOOK_BACK_STEPS, StepArchive
-from tests.unit.coordinator.reports import particles
-from tests.unit.view.messages import (
-    belief,
-    events,
-    map_message,
-    pose,
-    report,
-    scan,
-    status,
-)
+from tests.unit.coordinator.reports import particles, tracked
+from tests.unit.view.messages import belief, events, map_message, pose, scan, status
 
 
 @pytest.fixture
@@ -107,7 +99,7 @@ def test_a_page_gets_the_newest_rows_and_requests_earlier_ones() -> None:
 def test_a_past_step_has_the_frames_of_its_time(picture: Picture) -> None:
     picture.on_events(events(3))
     picture.on_scan(scan(5, [2.0]))
-    picture.on_report(report(5, 1))
+    picture.on_particles(1, particles(np.ones((20, 3)), step=5))
     picture.on_belief(belief(5, 1, 2))
     picture.on_pose(pose(5))
     picture.on_status(status())
@@ -125,7 +117,7 @@ def test_a_past_step_has_the_frames_of_its_time(picture: Picture) -> None:
 
 
 def test_particles_are_removed_with_their_cluster(picture: Picture) -> None:
-    picture.on_report(report(5, 1, particles=20))
+    picture.on_particles(1, particles(np.ones((20, 3)), step=5))
     picture.on_belief(belief(5, 1))
     cloud = picture.changes()["cloud 1"]
     assert (cloud["step"], len(cloud["points"])) == (5, 60)
@@ -254,9 +246,9 @@ def test_particles_are_drawn_in_proportion_to_their_weight() -> None:
 
 
 def test_only_names_of_tracking_jobs_have_a_cluster_number() -> None:
-    assert report(1, 12).cluster == 12
+    assert tracked("c12", 1, 1.0, (0.0, 0.0, 0.0)).cluster == 12
     for name in ("s3.1", "c", "c-1", "cx", "c" + "9" * 30):
-        assert report(1, 12, job=name).cluster is None
+        assert tracked(name, 1, 1.0, (0.0, 0.0, 0.0)).cluster is None
 
 
 def shown(archive: StepArchive, step: int) -> dict[str, object]:
