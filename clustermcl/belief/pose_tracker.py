@@ -148,11 +148,6 @@ class PoseTracker(Part):
         self.outcome = outcome
         self.since_step.begin_at(odom_from_robot)
 
-    def begin(self, usual_delay_ns: int, now_ns: int) -> None:
-        """Begin with the usual delay of a live robot's data at other coordinators [ns]."""
-        self.lateness = LatencyEstimator()
-        self.lateness.on_arrival(now_ns - usual_delay_ns, now_ns)
-
     def resume(self, applied: Scan, age_s: float, now_ns: int) -> None:
         """Continue with the last scan that another coordinator applied.
 

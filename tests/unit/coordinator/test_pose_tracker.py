@@ -227,17 +227,6 @@ def test_a_fetched_scan_alone_leaves_the_pose_stale() -> None:
     assert answer(tracker, 1).freshness == "fresh"
 
 
-def test_a_successor_with_a_usual_delay_has_the_age_of_the_last_scan() -> None:
-    tracker = new_tracker()
-    tracker.begin(usual_delay_ns=-99 * SECOND, now_ns=3 * SECOND)
-    tracker.resume(scan_at(100, live=True), 0.0, now_ns=int(3.3 * SECOND))
-    found = answer(tracker, 3.3)
-    assert found.age_s == found.scan_age_s == pytest.approx(2.3)
-    assert found.freshness == "stale"
-    odometry(tracker, 102, 0.5, now_s=3.3)
-    assert tracker.age_s(int(3.3 * SECOND)) == pytest.approx(0.3), "held up by the network"
-
-
 def test_the_age_of_a_scan_follows_from_its_own_stamp() -> None:
     tracker = new_tracker()
     tracker.scan(scan_at(1, live=True), SECOND)
