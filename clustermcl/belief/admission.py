@@ -31,10 +31,6 @@ MOST_LOG = 100.0
 """Bound of a log weight relative to the belief: far more is the same, and numbers stay finite."""
 
 
-STANDS_OUT = 0.3
-"""Share of a search with which one place stands out of its look-alikes."""
-
-
 @dataclass(frozen=True)
 class Admission:
     """The result of comparing a search with the clusters."""
@@ -55,7 +51,6 @@ def admission(
     is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
-    is_given: bool = False,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
 
@@ -73,8 +68,6 @@ def admission(
         holds_own: some clusters are places of this search; they give the search its weight.
         most: largest probability of all new clusters together, used to decide which clusters they
             may replace.
-        is_given: a person has said where the robot is, and it is not lost, so only a place that
-            stands out enters.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -87,8 +80,7 @@ def admission(
     has_trial = is_over and not holds_own
     on_trial = max(earned, rules.candidate_probability) if has_trial else earned
     weight = share * np.where(is_tracked, earned, on_trial)
-    least = STANDS_OUT if is_given and not holds_own else 0.0
-    enough = (share > 0.0) & (share >= least) & (weight >= rules.least_probability)
+    enough = (share > 0.0) & (weight >= rules.least_probability)
     eligible = np.flatnonzero(~is_held & enough)
     eligible = eligible[np.argsort(-weight[eligible], kind="stable")]
     total = math.fsum(weight[eligible])

@@ -353,7 +353,6 @@ class Ensemble(Part, kw_only=True):
             holds_own=bool(own),
             is_over=is_over,
             most=most,
-            is_given=self.clusters.on_map and not self._is_elsewhere,
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]

@@ -94,13 +94,6 @@ def test_places_of_a_finished_search_have_at_least_the_configured_probability() 
     assert on_trial(found, math.log(0.1)) == pytest.approx(earned), "it is worth more"
 
 
-def test_beside_a_given_place_only_one_that_stands_out_enters() -> None:
-    found, room = pool((0.5, FAR), (0.3, HELD[0]), (0.1, FARTHER), (0.04, LEAST)), (0.0,) * 4
-    for log_weight in (NO_EVIDENCE, 20.0):
-        came = admission(found, HELD, room, log_weight, SETTINGS, is_over=True, is_given=True)
-        assert [place.pose for place in came.entering] == [FAR]
-
-
 def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability() -> None:
     found = pool((0.5, FAR), (0.4, HELD[0]))
     for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
