@@ -149,7 +149,7 @@ def repeat_every_scan(tested: System, ours: str, theirs: str) -> None:
     tested.session.declare_subscriber(keys.SCAN, on_scan)
 
 
-def test_scans_and_workers_of_another_map_are_refused_with_both_digests(tmp_path: Path) -> None:
+def test_scans_and_orders_of_another_map_are_refused(tmp_path: Path) -> None:
     ours = world_of(SMALL).map.digest
     other = load_map(write_map(world("office").map, tmp_path, "other"))
     theirs = other.digest
@@ -157,9 +157,7 @@ def test_scans_and_workers_of_another_map_are_refused_with_both_digests(tmp_path
     with system() as tested, tested.client as client:
         tested.wait_until_it_tracks()
         clusters = tested.clusters()
-        started_s = time.monotonic()
         repeat_every_scan(tested, ours, theirs)
-        wait_until(lambda: both in tested.log(COORDINATOR))
         wait_until(lambda: client.status().counters["scan of another map"] > 10)
         assert client.status().map_digest == ours
         assert tested.clusters() == clusters, "they change nothing"
@@ -176,5 +174,3 @@ def test_scans_and_workers_of_another_map_are_refused_with_both_digests(tmp_path
         wait_until(lambda: both in tested.log(WORKERS))
         wait_until(lambda: client.status().counters.get("order refused", 0) > 0)
         assert client.status().map_digest == ours
-        minutes = (time.monotonic() - started_s) / 60.0
-        assert tested.log(COORDINATOR).count(both) <= 1 + minutes, "logged once a minute"
