@@ -294,8 +294,7 @@ class Worker:
     def on_map_failure(self, error: Exception) -> list[Instruction]:
         """Refuse the waiting order, because the map or its model cannot be had."""
         self._preparing, self._map = False, None
-        waiting, self._waiting = self._waiting, None
-        return self.refuse(waiting.question, error) if waiting else []
+        return self._refuse_waiting(error)
 
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
         self._preparing, self._model, self._model_digest = False, model, map_digest
@@ -308,7 +307,7 @@ class Worker:
             return []
         if message.digest != wanted[1]:
             error = MapMismatchError(worker=self._name, expected=wanted[1], found=message.digest)
-            return self.on_map_failure(error)
+            return self._refuse_waiting(error)  # the known map is still that of the jobs
         self._map = message
         return self._continue()
 
@@ -335,6 +334,10 @@ class Worker:
             *self._table.catch_up(),
             *self._fetch(missing, HISTORY_TIMEOUT_S),
         ]
+
+    def _refuse_waiting(self, error: Exception) -> list[Instruction]:
+        waiting, self._waiting = self._waiting, None
+        return self.refuse(waiting.question, error) if waiting else []
 
     def refuse(self, question: Any, error: Exception) -> list[Instruction]:
         """Refuse an order, which may be one that cannot be decoded."""

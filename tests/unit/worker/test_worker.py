@@ -110,6 +110,8 @@ def tracking(fresh: Worker, model: SensorModel) -> Worker:
 
 
 def test_a_scan_of_another_map_is_only_counted(tracking: Worker) -> None:
+    refused = asked(2, track("c1", cloud()), digest="new"), on_map(grid("newer"))
+    assert causes(handled(tracking, *refused)) == ["order for another map"]
     other = replace(scan(1), map_digest="another")
     expected = Warn("scan of another map", "step 1 is of map another")
     assert handled(tracking, on_scan(other)) == [expected]
