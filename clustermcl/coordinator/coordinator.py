@@ -179,7 +179,8 @@ class Coordinator(Part):
         """Process a scan whose step does not follow the step of `newest`."""
         if self.term.begun and not fetched and self.step_resets.on_other_scan(scan, newest):
             self.step_resets.reset()
-            self.state.on_steps_restarted(scan)
+            self.state.count(Cause.STEPS_RESTARTED)
+            self.state.search_again(scan, "steps restarted")
             return self._on_scan(scan, now_ns)
         # The bridge may have missed the belief.
         is_repeated = scan.lockstep and scan.step == self.state.applied_step
@@ -378,11 +379,8 @@ class Coordinator(Part):
 
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
         """Return the status; `counters` are those of the process."""
-        pose, ground, newest = (
-            self.pose(now_ns),
-            self.state.ground,
-            self.state.collector.newest_scan,
-        )
+        pose, ground = self.pose(now_ns), self.state.ground
+        newest = self.state.collector.newest_scan
         return Status(
             sender=self.sender,
             version=self.version,

@@ -27,12 +27,8 @@ _log = logging.getLogger(__name__)
 
 
 def main() -> None:
-    process_main(
-        "coordinator",
-        run_coordinator,
-        describe="Coordinator of Cluster-MCL: weighs clusters, places jobs, answers the pose.",
-        add_arguments=_add_arguments,
-    )
+    describe = "Coordinator of Cluster-MCL: weighs clusters, places jobs, answers the pose."
+    process_main("coordinator", run_coordinator, describe=describe, add_arguments=_add_arguments)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:

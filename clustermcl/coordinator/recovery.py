@@ -219,8 +219,7 @@ class StateRecovery(Part):
             self.kept = None
 
     def ask_all_again(self) -> None:
-        for worker in (*self.asked_ns, *self.answers):
-            self.asked_ns[worker] = None
+        self.asked_ns = dict.fromkeys((*self.asked_ns, *self.answers))
 
     def questions(self, term: int, now_ns: int) -> list[AskState | FetchScans]:
         due = [worker for worker, ns in sorted(self.asked_ns.items()) if _is_due(ns, now_ns)]

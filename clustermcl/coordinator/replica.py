@@ -78,7 +78,7 @@ class Replica:
         self._held: list[Instruction] = []
 
     def handle(self, event: events.Event | events.TokenChanged, now_ns: int) -> list[Instruction]:
-        """Process an event, after `release`; return instructions to carry out."""
+        """Process an event; return instructions for `release`."""
         if isinstance(event, events.CheckpointArrived):
             is_newest = self.newest is None or event.checkpoint.rank >= self.newest.rank
             self.newest = event.checkpoint if is_newest else self.newest

@@ -221,11 +221,6 @@ class CoordinatorState(Part):
         self.event_log.add([remark], self.applied_step, stamp_ns)
         return self._follow_command(outcome, applied)
 
-    def on_steps_restarted(self, scan: Scan) -> None:
-        """Search for the robot: the bridge was restarted, and numbers steps from a new start."""
-        self.count(Cause.STEPS_RESTARTED)
-        self._search_again(scan, "steps restarted")
-
     def _change_map(self, scan: Scan) -> None:
         """Use the bridge's new map: keep the places if so configured, or search again."""
         self.count(Cause.MAP_CHANGED)
@@ -233,7 +228,7 @@ class CoordinatorState(Part):
         applied = self.collector.applied
         keeps = self.settings.keep_pose_on_new_map and applied and len(self.ensemble.clusters)
         if not keeps or applied is None or applied.floors.names != scan.floors.names:
-            self._search_again(scan, "new map")
+            self.search_again(scan, "new map")
             return
         places = [self._in_new_map(c, applied, scan) for c in self.ensemble.clusters.all()]
         self.collector.restart(scan.step - 1, replace(scan, step=scan.step - 1))
@@ -248,7 +243,7 @@ class CoordinatorState(Part):
         moved = replace(cluster, pose=mean, covariance=covariance)
         return self._redrawn(moved, cluster.probability, scan, scan.step - 1)
 
-    def _search_again(self, scan: Scan, cause: EndedCause) -> None:
+    def search_again(self, scan: Scan, cause: EndedCause) -> None:
         """Forget all places and search from this scan on, unless the first search is still due."""
         self.collector.restart(scan.step - 1)
         if self.ensemble.searches:

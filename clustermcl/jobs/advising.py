@@ -70,12 +70,7 @@ def advice(
         note = f"no ground is free at all {count} places"
     elif not made:
         note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
-    return replace(
-        head,
-        ways=explored + made,
-        note=note,
-        spots=tuple(map(pose_tuple, spots)),
-    )
+    return replace(head, ways=explored + made, note=note, spots=tuple(map(pose_tuple, spots)))
 
 
 def _exploring(question: Question, roads: Roads | None) -> tuple[Way, ...]:

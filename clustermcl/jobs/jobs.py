@@ -213,10 +213,8 @@ class Searching(RunningJob):
         self._search.use(self._model, self._settings)
         scan = self._arrays.once(mirrored, scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
-        beams, rng = (
-            self._arrays.once(scan_beams, scan, self._model),
-            self._search_rng(scan.step, 1),
-        )
+        beams = self._arrays.once(scan_beams, scan, self._model)
+        rng = self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
         per_beam = yield from self._search.advance(before, after, beams, rng, observed(scan))
         yield

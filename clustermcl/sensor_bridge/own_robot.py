@@ -71,28 +71,25 @@ class OwnRobot:
             if moved_m < APART_M and turned_rad < APART_RAD:
                 return
         views.append((pose, ranges))
-        before = self._masks.get(name)
-        is_short = (ranges > reading.range_min_m) & (ranges < FARTHEST_M)
-        candidates = is_short if before is None else is_short | before
+        before = self._masks.get(name, np.zeros(len(ranges), bool))
+        candidates = before | ((ranges > reading.range_min_m) & (ranges < FARTHEST_M))
         if len(views) < COMPARED or not candidates.any():
             return
         seen = np.array([view[candidates] for _, view in views], np.float64)
         usual = np.median(seen, axis=0)
         with np.errstate(invalid="ignore"):  # infinity less infinity
             share = np.mean(np.abs(seen - usual) <= SAME_M, axis=0) * (usual < FARTHEST_M)
-        mask = np.zeros(len(ranges), bool)
         ways = np.array([moved(a, b) for (a, _), (b, _) in pairwise(views)])
         way_m, turn_rad = ways.sum(axis=0).tolist()
+        mask = before.copy()
+        mask[candidates] &= share >= KEPT
         if way_m >= LEAST_WAY_M and turn_rad >= LEAST_TURN_RAD:
-            mask[candidates] = share >= FOUND
-        if before is not None:
-            mask[candidates] |= before[candidates] & (share >= KEPT)
+            mask[candidates] |= share >= FOUND
         if not 0.0 < np.mean(mask) <= MOST:
             self._masks.pop(name, None)
             return
         self._masks[name] = mask
-        new = mask if before is None else mask & ~before
-        if new.any():
+        if (mask & ~before).any():
             self.found |= bool(np.mean(mask) > HARMLESS)
             longest_m = float(usual[mask[candidates]].max())
             self._dropped.add(Cause.OWN_ROBOT, _sentence(reading, mask, longest_m))

@@ -84,12 +84,8 @@ _RECEIVED = WorkOrder, TakeOver, Checkpoint, AdviceQuestion, MapMessage, Scan, S
 
 
 def main() -> None:
-    process_main(
-        "worker",
-        run_workers,
-        describe="Workers of Cluster-MCL: each tracks a cluster of particles or searches.",
-        add_arguments=_add_arguments,
-    )
+    describe = "Workers of Cluster-MCL: each tracks a cluster of particles or searches."
+    process_main("worker", run_workers, describe=describe, add_arguments=_add_arguments)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,9 +111,7 @@ def run_workers(invocation: Invocation) -> None:
             serve_robots(name, fleet, cache, report_jobs, stop)
 
     fixed = invocation.arguments.count or settings.worker.count
-    # Linux also knows which cores this process may use.
-    cores = len(os.sched_getaffinity(0))
-    most = max(SPARE + 1, cores)
+    most = max(SPARE + 1, len(os.sched_getaffinity(0)))
     count = ChildCount(fixed, fixed) if fixed else ChildCount(SPARE + 1, most)
     run_forked(count, child, invocation.stop, name=prefix)
 
