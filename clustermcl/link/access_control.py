@@ -185,9 +185,16 @@ def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, A
         SettingsError: a name is invalid, or one worker certificate would cover another's processes.
     """
     _check(robots, workers)
+    names = (*_ROLES, *workers)
+    certificates: list[tuple[str, str, Sequence[str]]]
+    if robots:
+        certificates = [(name, name, robots) for name in ("viewer", "operator")]
+        certificates += [(f"{name}.{one}", name, (one,)) for one in robots for name in names]
+    else:
+        certificates = [(name, name, (ALL_ROBOTS,)) for name in names]
     rules: list[dict[str, Any]] = []
     policies, subjects = [], []
-    for name, role, covered in _certificates(robots, workers):
+    for name, role, covered in certificates:
         made = list(_rules(name, role, covered))
         rules += made
         subjects.append({"id": name, "cert_common_names": [name]})
@@ -201,24 +208,13 @@ def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, A
     }
 
 
-def _certificates(
-    robots: Sequence[str], workers: Sequence[str]
-) -> Iterator[tuple[str, str, Sequence[str]]]:
-    """Yield common name, role or worker's name, and the robots it is valid for."""
-    names = (*_ROLES, *workers)
-    if not robots:
-        yield from ((name, name, (ALL_ROBOTS,)) for name in names)
-        return
-    yield from ((name, name, robots) for name in ("viewer", "operator"))
-    yield from ((f"{name}.{robot}", name, (robot,)) for robot in robots for name in names)
-
-
 def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Yield the rules of one certificate: one for each right and direction."""
-    is_worker = role not in _ROLES
-    rights = rights_of(WORKER, *_processes(role)) if is_worker else rights_of(role)
-    # Other processes declare wider patterns (worker/*/report), which egress rules must match.
-    widened = rights_of(WORKER) if is_worker else rights
+    rights = widened = rights_of(WORKER if role not in _ROLES else role)
+    if role not in _ROLES:
+        numbers = ["$*"] if role == WORKER else range(WORKER_PROCESSES)
+        # Other processes declare wider patterns (worker/*/report), which egress rules must match.
+        rights = rights_of(WORKER, *(f"{role}-{number}" for number in numbers))
     for right in fields(Rights):
         own, others = getattr(rights, right.name), getattr(widened, right.name)
         incoming, outgoing = _FLOWS[right.name]
@@ -234,12 +230,6 @@ def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, An
                     "messages": list(messages),
                     "key_exprs": [f"{robot}/{key}" for robot in robots for key in patterns],
                 }
-
-
-def _processes(worker: str) -> list[str]:
-    if worker == WORKER:
-        return [f"{WORKER}-$*"]
-    return [f"{worker}-{number}" for number in range(WORKER_PROCESSES)]
 
 
 def _check(robots: Sequence[str], workers: Sequence[str]) -> None:

@@ -117,27 +117,22 @@ def readable(error: zenoh.ZError) -> str:
 
 
 def check_endpoint(endpoint: str) -> None:
-    """Reject a malformed endpoint, to which Zenoh would try to connect until its time-out.
-
-    Raises:
-        SettingsError: the endpoint is not ``tcp/HOST:PORT``, ``tls/HOST:PORT`` or
-            ``unixsock-stream//PATH``, or the path is too long for a socket.
-    """
+    """Raise `SettingsError` for a bad endpoint, to which Zenoh would connect until its time-out."""
     protocol, _, address = endpoint.partition("/")
-    problem = None
     if protocol in ("tcp", "tls"):
         parts = _HOST_AND_PORT.fullmatch(address)
-        if parts is None or not 0 < int(parts[2]) < 65536:
-            problem = f"write {protocol}/HOST:PORT"
-    elif protocol == "unixsock-stream":
-        if not address.startswith("/"):
-            problem = "write unixsock-stream/ and an absolute path, so two slashes"
-        elif len(os.fsencode(address)) > SOCKET_PATH_MAX_BYTES:
-            problem = f"a socket's path has at most {SOCKET_PATH_MAX_BYTES} bytes"
-    else:
+        if parts and 0 < int(parts[2]) < 65536:
+            return
+        problem = f"write {protocol}/HOST:PORT"
+    elif protocol != "unixsock-stream":
         problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
-    if problem:
-        raise SettingsError(f"zenoh.router = {endpoint!r} is not an endpoint: {problem}")
+    elif not address.startswith("/"):
+        problem = "write unixsock-stream/ and an absolute path, so two slashes"
+    elif len(os.fsencode(address)) > SOCKET_PATH_MAX_BYTES:
+        problem = f"a socket's path has at most {SOCKET_PATH_MAX_BYTES} bytes"
+    else:
+        return
+    raise SettingsError(f"zenoh.router = {endpoint!r} is not an endpoint: {problem}")
 
 
 def transport_configuration() -> Configuration:
@@ -161,14 +156,14 @@ def transport_configuration() -> Configuration:
 
 def _tls(settings: ZenohSettings, direction: str) -> Configuration:
     """Return the TLS section; a client that has a certificate uses mutual TLS."""
-    own = bool(settings.tls_certificate)
+    from clustermcl.link.tls import check_files  # noqa: PLC0415 - import takes 10 ms
+
+    check_files(settings)  # Zenoh would only report that it cannot connect
     files = {
         "root_ca_certificate": settings.tls_ca_certificate,
         f"{direction}_certificate": settings.tls_certificate,
         f"{direction}_private_key": settings.tls_private_key,
     }
-    from clustermcl.link.tls import check_files  # noqa: PLC0415 - import takes 10 ms
-
-    check_files(settings)  # Zenoh would only report that it cannot connect
-    mutual = {"enable_mtls": True} if direction == "connect" and own else {}
+    is_mutual = direction == "connect" and settings.tls_certificate
+    mutual = {"enable_mtls": True} if is_mutual else {}
     return {name: path for name, path in files.items() if path} | mutual

@@ -30,7 +30,7 @@ class HealthReporter:
         inbox: Inbox[Any],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._name, self.role, self._version = name, role, VERSION
+        self._name, self.role = name, role
         self._causes, self._inbox, self._clock = causes, inbox, clock
         self._started_s, self._published_s = clock(), -_EVERY_S
         self.sources: tuple[SourceHealth, ...] = ()
@@ -54,7 +54,7 @@ class HealthReporter:
         return Health(
             sender=self._name,
             role=self.role,
-            version=self._version,
+            version=VERSION,
             uptime_s=now_s - self._started_s,
             memory_bytes=memory_bytes(),
             done=dict(self._done),

@@ -30,8 +30,6 @@ class Inbox(Generic[EventT]):
         max_events: int = 4096,  # more means that the loop hangs
         max_kind_bytes: int = MAX_KIND_BYTES,
     ) -> None:
-        if max_events < 1:
-            raise ValueError("an inbox keeps at least one event")
         self._states: dict[str, _Waiting[EventT]] = {}
         self._events, self._max_bytes = _Waiting[EventT](max_events), max_kind_bytes
         self._arrived = 0
@@ -45,20 +43,18 @@ class Inbox(Generic[EventT]):
 
     def keep(self, kind: str, count: int) -> None:
         """Add a kind of state, of which at most `count`, one or more, are queued."""
-        if count < 1:
-            raise ValueError("an inbox keeps at least one of each kind")
         with self._lock:
             self._states.setdefault(kind, _Waiting(count)).bound = count
 
     def put(self, event: EventT) -> bool:
         """Append an event; return False if the inbox is full."""
         with self._lock:
-            full = len(self._events.queue) >= self._events.bound
-            if full or self._events.bytes + _size(event) > self._max_bytes:
+            is_full = self._is_full(self._events, event)
+            if is_full:
                 self._dropped["event"] += 1
-                return False
-            self._append(self._events, event)
-            return True
+            else:
+                self._append(self._events, event)
+            return not is_full
 
     def put_own(self, event: EventT) -> None:
         """Append an event from this process itself, even past `max_events`.
@@ -73,9 +69,7 @@ class Inbox(Generic[EventT]):
         """Append a state and drop the oldest of its kind if there are too many."""
         with self._lock:
             waiting = self._states[kind]
-            while len(waiting.queue) >= waiting.bound or (
-                waiting.queue and waiting.bytes + _size(state) > self._max_bytes
-            ):
+            while waiting.queue and self._is_full(waiting, state):
                 waiting.popleft()
                 if waiting.bound > 1:  # with a bound of 1 replacing is not a loss
                     self._dropped[kind] += 1
@@ -94,9 +88,10 @@ class Inbox(Generic[EventT]):
         until_s = time.monotonic() + timeout_s
         while True:
             with self._lock:
-                oldest = self._oldest()
-                if oldest is not None:
-                    return oldest.popleft()
+                queues = (self._events, *self._states.values())
+                filled = [waiting for waiting in queues if waiting.queue]
+                if filled:
+                    return min(filled, key=lambda waiting: waiting.queue[0][0]).popleft()
                 self._news.acquire(blocking=False)
             left_s = until_s - time.monotonic()
             if left_s <= 0.0 or not self._news.acquire(timeout=left_s):
@@ -107,16 +102,16 @@ class Inbox(Generic[EventT]):
         with self._lock:
             return dict(self._dropped)
 
+    def _is_full(self, waiting: "_Waiting[EventT]", event: EventT) -> bool:
+        is_long = len(waiting.queue) >= waiting.bound
+        return is_long or waiting.bytes + _size(event) > self._max_bytes
+
     def _append(self, waiting: "_Waiting[EventT]", event: EventT) -> None:
-        waiting.append(self._arrived, event)
+        waiting.queue.append((self._arrived, event))
+        waiting.bytes += _size(event)
         self._arrived += 1
         if self._news.locked():
             self._news.release()
-
-    def _oldest(self) -> "_Waiting[EventT] | None":
-        """Return the queue whose head arrived first; None if all are empty."""
-        filled = [waiting for waiting in (self._events, *self._states.values()) if waiting.queue]
-        return min(filled, key=lambda waiting: waiting.queue[0][0], default=None)
 
 
 class _Waiting(Generic[EventT]):
@@ -126,10 +121,6 @@ class _Waiting(Generic[EventT]):
         self.bound = bound
         self.queue: deque[tuple[int, EventT]] = deque()
         self.bytes = 0
-
-    def append(self, number: int, event: EventT) -> None:
-        self.queue.append((number, event))
-        self.bytes += _size(event)
 
     def popleft(self) -> EventT:
         _, event = self.queue.popleft()

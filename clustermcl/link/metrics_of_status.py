@@ -1,6 +1,6 @@
 """The status message as Prometheus metrics: names, units, help texts."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import get_args
 
 from prometheus_client.core import (
@@ -62,16 +62,16 @@ def _of_localization(status: Status) -> Iterator[Metric]:
     yield _gauge("overloaded", "Whether steps wait to be decided.", float(status.overloaded))
     yield _gauge("workers", "Workers that are alive.", len(status.workers))
     if status.floors:
-        floors = GaugeMetricFamily(
-            "clustermcl_floor_probability", "Probability of a floor.", labels=["floor"]
-        )
-        for floor, probability in status.floors.items():
-            floors.add_metric([floor], probability)
-        yield floors
-    jobs = GaugeMetricFamily("clustermcl_worker_jobs", "Jobs of a worker.", labels=["worker"])
-    for worker, held in status.workers.items():
-        jobs.add_metric([worker], len(held))
-    yield jobs
+        yield _labelled("floor_probability", "Probability of a floor.", "floor", status.floors)
+    jobs = {worker: len(held) for worker, held in status.workers.items()}
+    yield _labelled("worker_jobs", "Jobs of a worker.", "worker", jobs)
+
+
+def _labelled(name: str, meaning: str, label: str, values: Mapping[str, float]) -> Metric:
+    family = GaugeMetricFamily(f"clustermcl_{name}", meaning, labels=[label])
+    for value_of, value in values.items():
+        family.add_metric([value_of], value)
+    return family
 
 
 def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
@@ -95,14 +95,11 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
         health_age.add_metric(labels, process.age_s)
         uptime.add_metric(labels, process.uptime_s)
         memory.add_metric(labels, process.memory_bytes)
-        for what, age_s in process.ages_s.items():
-            idle.add_metric([*labels, what], age_s + process.age_s)
-        for what, value in process.gauges.items():
-            gauge.add_metric([*labels, what], value)
-        for what, times in process.done.items():
-            done.add_metric([*labels, what], times)
-        for cause, times in process.dropped.items():
-            dropped.add_metric([*labels, cause], times)
+        idle_s = {what: age_s + process.age_s for what, age_s in process.ages_s.items()}
+        tables = ((idle, idle_s), (gauge, process.gauges), (done, process.done))
+        for family, values in (*tables, (dropped, process.dropped)):
+            for of, value in values.items():
+                family.add_metric([*labels, of], value)
     yield from (info, health_age, uptime, memory, idle, gauge, done, dropped)
 
 

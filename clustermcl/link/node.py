@@ -87,7 +87,6 @@ class Node:
     it. The node repeats all declarations in the new session, and the process keeps its state.
 
     Args:
-        role: its role in health messages: ``bridge``, ``worker``, ``coordinator``, ...
         peers: key of liveliness tokens that prove that a session works; None: no session of this
             process is ever replaced.
         session: a session that other nodes share, and that outlives them; None: open one.
@@ -179,10 +178,7 @@ class Node:
     ) -> Subscription:
         """Call `handler` with each message on `key`, decoded and as received.
 
-        Args:
-            kind: its kind in the inbox and among the dropped messages, `kept` of which are queued.
-            own: also receive what this process publishes.
-            paused: receive nothing until `Subscription.pause(False)`.
+        `kept` messages of its `kind` are queued. `own`: also what this process publishes.
         """
 
         def on_received(received: wire.Received) -> None:
@@ -228,13 +224,11 @@ class Node:
         self.declare(lambda session: self._tokens.append(session.liveliness().declare_token(key)))
 
     def publisher(self, key: str, *, may_wait: bool = False) -> wire.Publisher:
-        """Return a publisher; `may_wait` as for `Publisher`."""
         publisher = wire.Publisher(None, key, may_wait=may_wait)
         self.declare(publisher.declare)
         return publisher
 
     def publish_health(self, key: str) -> None:
-        """Publish the process's health on `key` once a second."""
         self._health_publisher = self.publisher(key)
 
     # --- queries, and work in the background

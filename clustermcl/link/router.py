@@ -84,15 +84,11 @@ def client_of(router: zenoh.Config, patience_s: float) -> configuration.Configur
     for anywhere, here in _ANYWHERE.items():
         endpoint = endpoint.replace(f"/{anywhere}:", f"/{here}:")
     tls = json.loads(router.get_json("transport/link/tls"))
-    used = {
-        "root_ca_certificate": tls.get("root_ca_certificate"),
-        "connect_certificate": tls.get("listen_certificate"),
-        "connect_private_key": tls.get("listen_private_key"),
-        "enable_mtls": tls.get("enable_mtls"),
-    }
-    own = {name: value for name, value in used.items() if value is not None}
+    used = ("root_ca_certificate", "listen_certificate", "listen_private_key", "enable_mtls")
+    own = {name.replace("listen", "connect"): tls.get(name) for name in used}
+    known = {name: value for name, value in own.items() if value is not None}
     transport = configuration.transport_configuration()
-    transport["link"]["tls"] = {**own, "verify_name_on_connect": False}
+    transport["link"]["tls"] = {**known, "verify_name_on_connect": False}
     timeout_ms = int(patience_s * 1000)
     return {
         "mode": "client",
@@ -108,8 +104,13 @@ def run_router(invocation: Invocation) -> None:
     settings = invocation.settings.zenoh
     if file is None:
         config = configuration.as_zenoh(configuration.router_configuration(settings))
+    elif not file.is_file():
+        raise InputFileError(file, "no such file")
     else:
-        config = _read(file)
+        try:
+            config = zenoh.Config.from_file(str(file))
+        except zenoh.ZError as error:
+            raise InputFileError(file, configuration.readable(error)) from error
     endpoints = config.get_json("listen/endpoints") if file else settings.router
     probe = RouterProbe(config, _PATIENCE * LOOK_EVERY_S)
     with listen(config, endpoints):
@@ -147,15 +148,6 @@ def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
             ) from error
         problem = f"cannot listen at {endpoints}: {problem}"
         raise SettingsError(key="zenoh.router", problem=problem) from error
-
-
-def _read(file: Path) -> zenoh.Config:
-    if not file.is_file():
-        raise InputFileError(file, "no such file")
-    try:
-        return zenoh.Config.from_file(str(file))
-    except zenoh.ZError as error:
-        raise InputFileError(file, configuration.readable(error)) from error
 
 
 if __name__ == "__main__":

@@ -87,19 +87,6 @@ def _laid_out(value: Any, indent: int = 0) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
-    given = _parser().parse_args(words)
-
-    def write() -> None:
-        configuration = secure_router_configuration(
-            given.listen, given.certificates, given.robot, given.worker or [WORKER]
-        )
-        with written_output():
-            sys.stdout.write(as_commented_json5(configuration, words))
-
-    return outermost("secure_router", write)
-
-
-def _parser() -> argparse.ArgumentParser:
     about = "Write a router's configuration with mutual TLS and access control."
     parser = argparse.ArgumentParser("secure_router", description=about, allow_abbrev=False)
     add, default = parser.add_argument, "(default: %(default)s)"
@@ -110,7 +97,16 @@ def _parser() -> argparse.ArgumentParser:
     add("--robot", action="append", default=[], metavar="NAME", help=robot)
     worker = f"name of a worker certificate, {WORKER} or {WORKER}-NAME; may be repeated"
     add("--worker", action="append", default=[], metavar="NAME", help=worker)
-    return parser
+    given = parser.parse_args(words)
+
+    def write() -> None:
+        configuration = secure_router_configuration(
+            given.listen, given.certificates, given.robot, given.worker or [WORKER]
+        )
+        with written_output():
+            sys.stdout.write(as_commented_json5(configuration, words))
+
+    return outermost("secure_router", write)
 
 
 if __name__ == "__main__":

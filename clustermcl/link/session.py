@@ -66,9 +66,7 @@ def open_session(
     Close it, because an open session hangs the interpreter at exit. Fork before opening a session:
     a child forked later cannot open its own.
 
-    Args:
-        robot: its name prefixes all keys.
-        wait_s: time-out for a router [s]; None: no time-out, as for services.
+    It waits for a router for `wait_s` [s]; None: without end, as for services.
 
     Raises:
         UnreachableError: no router answered in `wait_s`.
@@ -110,10 +108,9 @@ def refusal(settings: ZenohSettings) -> str | None:
         return None
     from clustermcl.link.tls import requires_tls, why_refused  # noqa: PLC0415 - import takes 10 ms
 
+    refused = None
     if settings.router.startswith("tls/"):
         refused = why_refused(settings)
     elif requires_tls(settings.router):
         refused = "the router there has TLS: set zenoh.router = tls/... and a certificate"
-    else:
-        return None
     return f"{settings.router}: {refused}" if refused else None

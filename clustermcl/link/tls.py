@@ -36,8 +36,19 @@ def check_files(settings: ZenohSettings) -> None:
     """Reject certificate files that cannot be read, are not PEM, or do not match."""
     for name in ("tls_ca_certificate", "tls_certificate", "tls_private_key"):
         file = getattr(settings, name)
-        if file:
-            _check_readable(name, file)
+        if not file:
+            continue
+        given = f"zenoh.{name} = {file!r}"
+        kind = "private key" if name == "tls_private_key" else "certificate"
+        try:
+            text = Path(file).read_text(encoding="ascii", errors="replace")
+            mode = Path(file).stat().st_mode
+        except OSError as error:
+            raise SettingsError(f"{given}: {os_problem(error)}") from error
+        if not re.search(rf"-----BEGIN [A-Z ]*{kind.upper()}-----", text):
+            raise SettingsError(f"{given}: there is no {kind} in it (PEM)")
+        if kind == "private key" and mode & stat.S_IRWXO:
+            raise SettingsError(f"{given}: others may read or write it; run chmod o= on it")
     certificate, key = settings.tls_certificate, settings.tls_private_key
     if bool(certificate) != bool(key):
         given, missing = ("tls_certificate", "tls_private_key")[:: 1 if certificate else -1]
@@ -99,20 +110,6 @@ def _address(endpoint: str) -> tuple[str, int]:
     """Return host and port of an endpoint ``PROTOCOL/HOST:PORT``; a ValueError: it has no port."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     return host.strip("[]"), int(re.sub(r"[?#].*", "", port))
-
-
-def _check_readable(name: str, file: str) -> None:
-    given = f"zenoh.{name} = {file!r}"
-    kind = "private key" if name == "tls_private_key" else "certificate"
-    try:
-        text = Path(file).read_text(encoding="ascii", errors="replace")
-        mode = Path(file).stat().st_mode
-    except OSError as error:
-        raise SettingsError(f"{given}: {os_problem(error)}") from error
-    if not re.search(rf"-----BEGIN [A-Z ]*{kind.upper()}-----", text):
-        raise SettingsError(f"{given}: there is no {kind} in it (PEM)")
-    if kind == "private key" and mode & stat.S_IRWXO:
-        raise SettingsError(f"{given}: others may read or write it; run chmod o= on it")
 
 
 def _context(settings: ZenohSettings) -> ssl.SSLContext:

@@ -225,7 +225,7 @@ def ask(
 
     Raises:
         RefusedError: only error replies of other processes came within `timeout_s`.
-        UnreachableError: no reply of another process came within `timeout_s`.
+        UnreachableError: no reply of another process came.
         MalformedMessageError: the answer cannot be decoded as `answer`.
     """
     payload = encode(message) if message is not None else None

@@ -33,11 +33,7 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return cls(dtype=dtype, shape=little.shape, data=little.tobytes())
 
     def array(self) -> NDArray[Any]:
-        """Return the array, read-only and without a copy.
-
-        Raises:
-            MalformedMessageError: the shape does not match the bytes, or exceeds the limits.
-        """
+        """Return the array, read-only and without a copy; or raise a `MalformedMessageError`."""
         dtype = _LITTLE[self.dtype]
         if len(self.shape) > MAX_DIMENSIONS:
             raise _malformed(f"{len(self.shape)} dimensions; the limit is {MAX_DIMENSIONS}")
@@ -48,11 +44,7 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return np.frombuffer(self.data, dtype=dtype).reshape(self.shape)
 
     def checked(self, *shape: int | None, dtype: WireType | None = None) -> NDArray[Any]:
-        """Return the array of finite numbers if it has this shape and type; None: any.
-
-        Raises:
-            MalformedMessageError: it has not; or as `array`.
-        """
+        """Return the array if its numbers are finite, and of this shape and type; None: any."""
         array = self.array()
         sides = zip(shape, array.shape, strict=False)
         fits = len(shape) == array.ndim and all(wanted in (None, side) for wanted, side in sides)

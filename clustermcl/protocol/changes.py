@@ -90,25 +90,18 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
         c, s = math.cos(heading), math.sin(heading)
         return np.asarray(in_grid @ np.array([[c, s], [-s, c]]) + (x, y))
 
-    def chosen(self, kept: NDArray[np.bool_]) -> "Changes":
-        """Return some of the cells."""
+    def seen_within(self, age_s: float) -> "Changes":
+        """Return the cells that were last seen so within this time [s]."""
+        kept = self.times_s.array()[:, 1] >= self.stamp_ns * 1e-9 - age_s
         return msgspec.structs.replace(
             self,
             cells=ArrayBlob.of(self.cells.array()[kept], "int32"),
             times_s=ArrayBlob.of(self.times_s.array()[kept], "float64"),
         )
 
-    def seen_within(self, age_s: float) -> "Changes":
-        """Return the cells that were last seen so within this time [s]."""
-        return self.chosen(self.times_s.array()[:, 1] >= self.stamp_ns * 1e-9 - age_s)
-
 
 def unpacked_minutes(packed: bytes, shape: tuple[int, ...]) -> NDArray[np.int32]:
-    """Return an array of minutes that zlib has packed.
-
-    Raises:
-        MalformedMessageError: the bytes are no such array.
-    """
+    """Return an array of minutes that zlib has packed; or raise a `MalformedMessageError`."""
     size = 4 * math.prod(shape)
     try:
         unpacker = zlib.decompressobj()

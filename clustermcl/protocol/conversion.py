@@ -51,11 +51,7 @@ def with_checksum(content: bytes) -> bytes:
 
 
 def without_checksum(data: bytes) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """Return the content of a file; a `ValueError`: it is damaged."""
     kept = decoded(data, _File)  # its errors are ValueErrors
     if hashlib.sha256(kept.content).digest() != kept.sha256:
         raise ValueError("its checksum is wrong")

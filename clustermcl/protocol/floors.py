@@ -70,14 +70,9 @@ class Floors(Part, frozen=True):
         return tuple(floor.name for floor in self.floors)
 
     def floor(self, name: str) -> Floor:
-        """Return a floor by its name.
-
-        Raises:
-            ValueError: there is no such floor.
-        """
-        for floor in self.floors:
-            if floor.name == name:
-                return floor
+        """Return a floor by its name; a `ValueError`: there is none."""
+        if name in self.names:
+            return self.floors[self.names.index(name)]
         wrong = f"there is no floor {printable(name)!r}" if name else "name a floor"
         raise ValueError(f"{wrong}; the floors are: {', '.join(self.names) or 'none'}")
 
@@ -103,11 +98,7 @@ class Floors(Part, frozen=True):
     def area(
         self, floor: str, near: Circle | None, corners: Corners
     ) -> tuple[Circle | None, Corners]:
-        """Return a circle, or the corners of a region, in the atlas; without both, the floor's.
-
-        Raises:
-            ValueError: there is no such floor.
-        """
+        """Return a circle, or the corners of a region, in the atlas; without both, the floor's."""
         if not floor:
             return near, corners
         here = self.floor(floor)

@@ -55,11 +55,7 @@ class FoundPlaces(Part, frozen=True, kw_only=True):
 
 
 def found_places_problem(found: FoundPlaces) -> str | None:
-    """Return why these places are invalid, or None; step and odometry are not checked.
-
-    Raises:
-        MalformedMessageError: a column is not an array of finite numbers of its type and shape.
-    """
+    """Return why these places are invalid, or None; or raise a `MalformedMessageError`."""
     share = found.share.checked(None, dtype="float64")
     mean = found.mean.checked(len(share), 3, dtype="float64")
     variances = found.covariance.checked(len(share), 9, dtype="float64")[:, ::4]

@@ -117,9 +117,9 @@ def event_groups(
     for (_, _, cause), group in groupby(events, lambda n: (n.step, type(n.event), n.event.cause)):
         alike = list(group)
         match [numbered.event for numbered in alike]:
-            case [Ended(), *_] as ended if is_of_search(ended[0]):  # one event for each shard
-                names = (_name(one.job_id) for one in ended if not isinstance(one, Remark))
-                yield from ((alike, f"{name} {_ENDED[cause]}") for name in dict.fromkeys(names))
+            case [Ended() as first, *_] as ended if is_of_search(first):  # one for each shard
+                texts = dict.fromkeys(map(event_text, ended))
+                yield from ((alike, text) for text in texts)
             case [Began() | Ended() as first, _, _, *_] as many:
                 others = " others" if isinstance(first, Ended) and first.by else ""
                 shares = [one.probability for one in many if not isinstance(one, Remark)]

@@ -67,11 +67,7 @@ worker_advice = "worker/{}/advice".format
 
 
 def worker_name(key: str) -> str:
-    """Return the name of the worker that a key belongs to.
-
-    Raises:
-        MalformedMessageError: the key is not a worker's, or the name is invalid.
-    """
+    """Return the name of the worker that a key belongs to; or raise a `MalformedMessageError`."""
     match key.split("/"):
         case ["worker", name, _] if is_name(name):
             return name

@@ -1,7 +1,7 @@
 """Check readings and scans before anything is computed from them."""
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -35,11 +35,13 @@ def scan_problem(scan: steps.Scan) -> str | None:
     problem = stamp_problem(scan.stamp_ns) or pose_problem(scan.odom_from_robot)
     if len(scan.others) >= MAX_LASERS:
         problem = problem or Cause.MALFORMED
-    problem = problem or beams_problem(scan)
-    if problem := problem or next(filter(None, map(beams_problem, scan.others)), None):
+    lasers: list[_Laser] = [scan, *scan.others]
+    if problem := problem or next(filter(None, map(beams_problem, lasers)), None):
         return key_of(problem)
-    names = {landmark.name for landmark in scan.landmarks}
-    return next(filter(None, (_seen_problem(each, names) for each in scan.observations)), None)
+    names = {"", *(landmark.name for landmark in scan.landmarks)}
+    if any(seen.landmark not in names for seen in scan.observations):
+        return "a landmark that is not on the map"
+    return next(filter(None, map(observation_problem, scan.observations)), None)
 
 
 def laser_problem(reading: steps.LaserReading) -> Cause | None:
@@ -118,12 +120,6 @@ def _field_problem(seen: steps.Observation | steps.Seen, field: steps.PositionFi
     most = steps.MAX_FIELD_SIDE
     is_small = all(0 < side <= most for side in sides)
     return None if is_small else f"a field of {sides} cells; {most} x {most} are possible"
-
-
-def _seen_problem(seen: steps.Seen, names: Set[str]) -> str | None:
-    if seen.landmark and seen.landmark not in names:
-        return "a landmark that is not on the map"
-    return observation_problem(seen)
 
 
 def stamp_problem(stamp_ns: int) -> Cause | None:

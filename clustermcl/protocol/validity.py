@@ -51,12 +51,14 @@ def _problems(message: object) -> Iterator[str | None]:
             yield from map(problem_of, parts)
         case work.Assignment(job=work.TrackJob(start=start)):
             yield _particles_problem(start)
-        case work.TrackReport(snapshot=snapshot):
-            yield _fit_problem(message)
-            if snapshot is not None:
-                yield _particles_problem(snapshot)
+        case (
+            work.TrackReport(log_likelihood_per_beam=fit)
+            | work.SearchReport(log_likelihood_per_beam=fit)
+        ) if math.isinf(fit):  # NaN: the scan had no beam to score
+            yield "log_likelihood_per_beam is infinite"
+        case work.TrackReport(snapshot=work.Particles() as snapshot):
+            yield _particles_problem(snapshot)
         case work.SearchReport(places=places):
-            yield _fit_problem(message)
             yield found_places_problem(places)
         case work.ElsewhereReport(seen=seen, places=places):
             is_empty = seen is not None and not len(seen.checked(None, 2))
@@ -68,11 +70,6 @@ def _problems(message: object) -> Iterator[str | None]:
             if not all(0.0 <= place.probability <= 1.0 for place in places):
                 yield "a place whose probability is not from 0 to 1"
             yield from (gaussian_problem(place.pose, place.covariance) for place in places)
-
-
-def _fit_problem(report: work.TrackReport | work.SearchReport) -> str | None:
-    infinite = math.isinf(report.log_likelihood_per_beam)  # NaN: the scan had no beam to score
-    return "log_likelihood_per_beam is infinite" if infinite else None
 
 
 def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:

@@ -154,7 +154,7 @@ class RunLog:
         try:
             yield
         except OSError as error:
-            raise OutputError(path=self._path, problem=error.strerror or str(error)) from error
+            raise OutputError(self._path, error) from error
 
 
 def _private(path: str, flags: int) -> int:

@@ -6,7 +6,8 @@ from typing import Any
 
 from clustermcl.protocol.errors import InputFileError
 from clustermcl.ros2.parameter_table import PARAMETERS, ROS1_NAMES, Value
-from clustermcl.runtime.settings_file import content_of
+from clustermcl.runtime.compressed import read_decompressed
+from clustermcl.runtime.settings_file import MAX_FILE_BYTES
 from clustermcl.runtime.yaml_text import yaml_of
 
 _NODE = "amcl"
@@ -24,7 +25,8 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
     """
     try:
-        tree, _ = yaml_of(content_of(path), path, InputFileError)
+        content = read_decompressed(path, InputFileError, MAX_FILE_BYTES)
+        tree, _ = yaml_of(content, path, InputFileError)
         if not isinstance(tree, dict):
             raise ValueError("not a parameter file: it is not a mapping")
         return settings_of(_of_node(tree, path))

@@ -16,11 +16,8 @@ def caller(program: str = "") -> str:
     started = Path(sys.argv[0] if sys.argv else "")
     started = started.parent if started.name == "__main__.py" else started
     program = program or started.name or "python"
-    return f"{program} of {_user()}@{platform.node()}"[:MAX_ID_CHARACTERS]
-
-
-def _user() -> str:
     try:
-        return pwd.getpwuid(os.getuid()).pw_name
+        user = pwd.getpwuid(os.getuid()).pw_name
     except KeyError:  # a container's user may have no name
-        return f"user {os.getuid()}"
+        user = f"user {os.getuid()}"
+    return f"{program} of {user}@{platform.node()}"[:MAX_ID_CHARACTERS]

@@ -3,8 +3,9 @@
 import gzip
 import lzma
 import zlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, Literal, cast
 
 import zstandard
 
@@ -28,7 +29,11 @@ BROKEN_STREAM_ERRORS = (
 )
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-_GZIP_MAGIC, _XZ_MAGIC, _ZSTD_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00", b"\x28\xb5\x2f\xfd"
+_OPENERS: dict[bytes, Callable[[Path, Literal["rb"]], object]] = {
+    b"\x1f\x8b": gzip.open,
+    b"\xfd7zXZ\x00": lzma.open,
+    b"\x28\xb5\x2f\xfd": zstandard.open,
+}
 
 
 def open_decompressed(path: Path) -> BinaryIO:
@@ -42,12 +47,9 @@ def open_decompressed(path: Path) -> BinaryIO:
         start = plain.read(len(_LFS_POINTER))
     if start == _LFS_POINTER:
         raise OSError("is a pointer of Git LFS, not the file itself: run 'git lfs pull'")
-    if start.startswith(_GZIP_MAGIC):
-        return cast(BinaryIO, gzip.open(path, "rb"))
-    if start.startswith(_XZ_MAGIC):
-        return cast(BinaryIO, lzma.open(path, "rb"))
-    if start.startswith(_ZSTD_MAGIC):
-        return cast(BinaryIO, zstandard.open(path, "rb"))
+    for magic, opener in _OPENERS.items():
+        if start.startswith(magic):
+            return cast(BinaryIO, opener(path, "rb"))
     return path.open("rb")
 
 
@@ -71,15 +73,12 @@ def first_bytes(path: Path, count: int, error: type[InputFileError]) -> bytes:
         raise error(path, os_problem(failed)) from failed
 
 
-def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
-    """Read a whole file, decompressed.
-
-    Raises:
-        InputFileError: as for `first_bytes`, or the file is too long.
-    """
-    content = first_bytes(path, MAX_FILE_BYTES + 1, error)
-    if len(content) > MAX_FILE_BYTES:
-        raise error(path, too_long_problem(MAX_FILE_BYTES))
+def read_decompressed(path: Path, error: type[InputFileError], most: int | None = None) -> bytes:
+    """Read a whole file, decompressed; errors as of `first_bytes`, also if it is too long."""
+    most = most or MAX_FILE_BYTES
+    content = first_bytes(path, most + 1, error)
+    if len(content) > most:
+        raise error(path, too_long_problem(most))
     return content
 
 

@@ -50,10 +50,7 @@ def recording_folder(settings: Settings) -> Path | None:
 def claimed(lock: Path) -> Iterator[bool]:
     """Claim what a lock file stands for; yield whether no other process has claimed it.
 
-    The kernel ends the claim with this process.
-
-    Raises:
-        OSError: the file cannot be opened or created.
+    The kernel ends the claim with this process. An `OSError`: the file cannot be opened.
     """
     number = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     try:

@@ -17,26 +17,26 @@ _DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 class OutputError(ClusterMclError):
     """A result cannot be written."""
 
-    def __init__(self, *, path: Path, problem: str) -> None:
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: cannot be written: {problem}")
+    def __init__(self, path: Path, problem: str | OSError) -> None:
+        self.path = path
+        self.problem = problem if isinstance(problem, str) else problem.strerror or str(problem)
+        super().__init__(f"{path}: cannot be written: {self.problem}")
 
 
 def check_output_file(path: Path) -> None:
     """Check that a file can be written, without changing it; an `OutputError` says why not."""
     if path.is_dir():
-        raise OutputError(path=path, problem="it is a folder")
+        raise OutputError(path, "it is a folder")
     if path.exists():
         if not os.access(path, os.W_OK):
-            raise OutputError(path=path, problem="it may not be written to")
-        return
-    if not path.parent.is_dir():
-        raise OutputError(path=path, problem="its folder does not exist")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise OutputError(path=path, problem=error.strerror or str(error)) from error
+            raise OutputError(path, "it may not be written to")
+    elif not path.parent.is_dir():
+        raise OutputError(path, "its folder does not exist")
+    else:
+        try:
+            tempfile.TemporaryFile(dir=path.parent).close()
+        except OSError as error:
+            raise OutputError(path, error) from error
 
 
 def write_output_file(path: Path, content: str | bytes) -> None:
@@ -44,14 +44,13 @@ def write_output_file(path: Path, content: str | bytes) -> None:
     try:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
-        raise OutputError(path=path, problem=error.strerror or str(error)) from error
+        raise OutputError(path, error) from error
 
 
 def replace_file(path: Path, content: bytes) -> None:
     """Replace a file as a whole, so that it survives a power cut; only its owner may read it.
 
-    Raises:
-        OSError: the folder cannot be written, or the disk is full; the file is kept.
+    After an `OSError` the old file is still there.
     """
     part = path.with_suffix(".part")  # one name: what a killed process left is written over
     try:
@@ -94,5 +93,4 @@ def written_output() -> Iterator[None]:
             raise
         # Drop the buffer, which would fail again at the interpreter's exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        problem = error.strerror or str(error)
-        raise OutputError(path=Path("standard output"), problem=problem) from error
+        raise OutputError(Path("standard output"), error) from error

@@ -13,7 +13,7 @@ import msgspec
 
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import InputFileError, SettingsError
-from clustermcl.runtime.compressed import first_bytes
+from clustermcl.runtime.compressed import read_decompressed
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_table import TABLE, SettingInfo
 
@@ -67,17 +67,9 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
     return msgspec.structs.replace(settings, **changed)
 
 
-def content_of(path: Path) -> bytes:
-    """Read a settings file of at most `MAX_FILE_BYTES`; an `InputFileError` says why not."""
-    content = first_bytes(path, MAX_FILE_BYTES + 1, InputFileError)
-    if len(content) > MAX_FILE_BYTES:
-        raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: not a settings file")
-    return content
-
-
 def _read(path: Path) -> dict[str, Any]:
     """Return all values of the file by dotted name."""
-    content = content_of(path)
+    content = read_decompressed(path, InputFileError, MAX_FILE_BYTES)
     try:
         text = content.decode()
         for number, written in enumerate(text.split("\n"), 1):
@@ -101,8 +93,6 @@ def _read(path: Path) -> dict[str, Any]:
             leaves |= {f"{name}.{key}": leaf for key, leaf in value.items()}
         else:
             leaves[name] = value
-    for name in leaves:
-        _check_known(name, str(path))
     return leaves
 
 
@@ -113,19 +103,13 @@ def _parsed(assignments: Sequence[str]) -> dict[str, Any]:
         if not equals or not name:
             raise SettingsError(f"{_COMMAND_LINE} {assignment!r}: write section.key=value")
         _check_known(name, _COMMAND_LINE)
-        values[name] = _parse_value(name, text)
+        values[name] = text
+        with suppress(ValueError, RecursionError):  # a TOMLDecodeError is a ValueError
+            parsed = tomllib.loads(f"value = {text}")
+            is_text = TABLE[name].kind is str and not isinstance(parsed["value"], str)
+            if len(parsed) == 1 and not is_text:
+                values[name] = parsed["value"]
     return values
-
-
-def _parse_value(setting: str, text: str) -> object:
-    """Parse a TOML value; return the text itself if it is none, or if the setting is a text."""
-    try:
-        parsed = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):  # a TOMLDecodeError is a ValueError
-        return text
-    value = parsed["value"]
-    bare = len(parsed) > 1 or (TABLE[setting].kind is str and not isinstance(value, str))
-    return text if bare else value
 
 
 def _check_known(name: str, where: str) -> None:
@@ -134,14 +118,11 @@ def _check_known(name: str, where: str) -> None:
     if name in _SECTIONS:
         problem = f"{name} is a section: give {name}.KEY"
         raise SettingsError(key=name, problem=problem, where=where)
-    elsewhere = [setting for setting in TABLE if setting.endswith(f".{name.rpartition('.')[2]}")]
-    problem = f"unknown setting {name}{_hint(name, elsewhere or list(TABLE))}"
-    raise SettingsError(key=name, problem=problem, where=where)
-
-
-def _hint(name: str, known: Sequence[str]) -> str:
-    near = known if len(known) == 1 else difflib.get_close_matches(name, known, n=1)
-    return f", did you mean {near[0]}?" if near else "; 'clustermcl settings --all' lists all"
+    near = [setting for setting in TABLE if setting.endswith(f".{name.rpartition('.')[2]}")]
+    if len(near) != 1:
+        near = difflib.get_close_matches(name, near or list(TABLE), n=1)
+    hint = f", did you mean {near[0]}?" if near else "; 'clustermcl settings --all' lists all"
+    raise SettingsError(key=name, problem=f"unknown setting {name}{hint}", where=where)
 
 
 def _converted(setting: SettingInfo, value: object, where: str) -> Any:

@@ -71,16 +71,10 @@ def settings_as_toml(settings: Settings, names: Container[str] | None = None) ->
             continue
         section, _, key = info.name.rpartition(".")
         comment = f"{info.meaning}; {info.expected}; default {_toml(info.default)}"
-        lines = sections.setdefault(section, [])
+        lines = sections.setdefault(section, [f"[{section}]"] if section else [])
         lines += textwrap.wrap(comment, 96, initial_indent="# ", subsequent_indent="#   ")
         lines.append(f"{key} = {_toml(value_of(settings, info.name))}")
-    return (
-        "\n\n".join(
-            "\n".join([f"[{section}]", *lines] if section else lines)
-            for section, lines in sections.items()
-        )
-        + "\n"
-    )
+    return "\n\n".join(map("\n".join, sections.values())) + "\n"
 
 
 def value_of(settings: Settings, name: str) -> bool | int | float | str:

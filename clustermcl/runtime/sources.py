@@ -1,7 +1,6 @@
 """The kinds of sources that `bridge.source` can name."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 _LIVE = "zenoh"
 SIMULATED = "sim:"
@@ -38,10 +37,7 @@ NO_MAP = (
 )
 
 
-SourceChoice: TypeAlias = Live | Recorded | Simulated
-
-
-def parsed_source(text: str) -> SourceChoice:
+def parsed_source(text: str) -> Live | Recorded | Simulated:
     """Parse ``zenoh``, ``sim:WORLD``, ``sim:MAP.yaml`` or a recording's path."""
     if text == _LIVE:
         return Live()

@@ -21,7 +21,7 @@ from typing import NoReturn, TypeAlias
 from clustermcl.runtime.logs import configure_logging
 from clustermcl.runtime.main import EXIT_ERROR, outermost
 from clustermcl.runtime.parent import PARENT_VARIABLE, die_with_parent
-from clustermcl.runtime.stop import HasFile, StopFlag, stop_on_signals, wait_until_readable
+from clustermcl.runtime.stop import StopFlag, stop_on_signals, wait_until_readable
 from clustermcl.runtime.watchdog import Listener, SignsOfLife
 
 _log = logging.getLogger(__name__)
@@ -119,16 +119,19 @@ class Supervisor:
     def wait(self, stop: StopFlag) -> bool:
         """Wait until `poll` may have something to do; return whether the stop flag is set."""
         children = [*self._children, *self._leaving]
-        files = [stop, *(file for child in children for file in child.files())]
+        files = [stop, *(file for child in children for file in (child.end, child.listener))]
         # A `Listener` expects several calls in the time after which a child hangs.
         longest_s = min(_LONGEST_POLL_S, self._hung_after_s / 8)
         is_settled = not self._leaving and all(child.end is not None for child in children)
-        wait_until_readable(files, longest_s if is_settled else _POLL_S)
+        wait_until_readable(filter(None, files), longest_s if is_settled else _POLL_S)
         return stop.is_set()
 
     def jobs(self) -> dict[str, int | None]:
         """Return the number of jobs of each child; None: it has not reported any."""
-        return {child.spec.name: child.jobs for child in self._children}
+        return {
+            child.spec.name: child.listener.jobs if child.listener else None
+            for child in self._children
+        }
 
     def remove(self, name: str) -> None:
         """Ask a child to end, and do not restart it; `poll` kills it if it does not end soon."""
@@ -182,24 +185,15 @@ class _Child:
         self._started_at_s = 0.0
         self._start_at_s: float | None = None
         self._leaves_until_s = 0.0
-        self._listener: Listener | None = None
+        self.listener: Listener | None = None
         self.end: int | None = None
         """A file that can be read once the process has ended."""
 
-    @property
-    def jobs(self) -> int | None:
-        return self._listener.jobs if self._listener is not None else None
-
-    def files(self) -> list[int | HasFile]:
-        return [file for file in (self.end, self._listener) if file is not None]
-
     def start(self) -> None:
         self._start_at_s, self._started_at_s = None, time.monotonic()
-        self._listener = Listener(self._hung_after_s)
-        if self.spec.fork is None:
-            self.process = _executed(self.spec, self._listener.variables())
-        else:
-            self.process = _forked(self.spec.name, self.spec.fork, self._listener.variables())
+        self.listener = Listener(self._hung_after_s)
+        started = _executed if self.spec.fork is None else _forked
+        self.process = started(self.spec, self.listener.variables())
         with suppress(OSError):  # an old kernel, or a container that forbids it
             self.end = os.pidfd_open(self.process.pid)
 
@@ -209,18 +203,19 @@ class _Child:
             self.start()
         if self.process is None:
             return None
-        if self._listener is not None and self._listener.is_hung(now_s):
+        if self.listener is not None and self.listener.is_hung(now_s):
             _log.warning("%s hung for %g s: killed", self.spec.name, self._hung_after_s)
             self._stop_listening()
             self.process.send_signal(signal.SIGKILL)
         if (code := self.process.poll()) is None:
             return None
-        lived_s = now_s - self._started_at_s
-        is_young_command = self.spec.fork is None and lived_s < _GIVEN_UP_BEFORE_S
-        refused = code == EXIT_ERROR and is_young_command
-        wait_s = None if refused else self._backoff.after_death(lived_s)
         self.forget()
-        self._start_at_s = None if wait_s is None else now_s + wait_s
+        lived_s = now_s - self._started_at_s
+        wait_s: float | None = None
+        is_young_command = self.spec.fork is None and lived_s < _GIVEN_UP_BEFORE_S
+        if not (code == EXIT_ERROR and is_young_command):  # it has not refused to start
+            wait_s = self._backoff.after_death(lived_s)
+            self._start_at_s = now_s + wait_s
         return ChildExit(self.spec.name, code, wait_s, self._last_log_lines())
 
     def leave(self, until_s: float) -> None:
@@ -247,9 +242,9 @@ class _Child:
         self._stop_listening()
 
     def _stop_listening(self) -> None:
-        if self._listener is not None:
-            self._listener.close()
-        self._listener = None
+        if self.listener is not None:
+            self.listener.close()
+        self.listener = None
 
     def _last_log_lines(self) -> str:
         if self.spec.log is None:
@@ -275,7 +270,7 @@ def _executed(spec: ChildSpec, variables: dict[str, str]) -> _Process:
         )
 
 
-def _forked(name: str, work: ForkedWork, variables: dict[str, str]) -> _Process:
+def _forked(spec: ChildSpec, variables: dict[str, str]) -> _Process:
     """Fork; in the child, do the work and exit."""
     parent_pid = os.getpid()
     sys.stdout.flush()
@@ -284,13 +279,14 @@ def _forked(name: str, work: ForkedWork, variables: dict[str, str]) -> _Process:
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     pid = os.fork()
     if pid == 0:
-        _run_fork(name, work, variables, parent_pid)
+        _run_fork(spec, variables, parent_pid)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
     return _Fork(pid)
 
 
-def _run_fork(name: str, work: ForkedWork, variables: dict[str, str], parent_pid: int) -> NoReturn:
-    code = 1
+def _run_fork(spec: ChildSpec, variables: dict[str, str], parent_pid: int) -> NoReturn:
+    code, name, work = 1, spec.name, spec.fork
+    assert work is not None
     try:
         die_with_parent(parent_pid)
         Path("/proc/self/comm").write_text(name, "utf-8")  # for `ps` and `top`, which show 15 bytes
@@ -319,7 +315,7 @@ def use_one_thread_for_arithmetic() -> None:
 class ChildCount:
     """How many children to run: one for each job, within limits.
 
-    `idle_s` is the time without work after which a child is not needed [s].
+    After `idle_s` [s] without work a child is not needed.
     """
 
     def __init__(self, least: int, most: int, idle_s: float = 30.0) -> None:
@@ -356,7 +352,12 @@ def run_forked(
     """
     if stop.is_set():
         return  # the exit timer is a thread, see `stop_on_signals`
-    _check_single_threaded()
+    threads = sum(1 for _ in Path("/proc/self/task").iterdir())  # also those of libraries
+    if threads > 1:
+        raise RuntimeError(
+            f"{threads} threads run at the fork: fork before opening a Zenoh session, "
+            "and call use_one_thread_for_arithmetic() before importing numpy"
+        )
     gc.collect()
     gc.freeze()  # else the collector writes to, and so copies, every shared page
     supervisor = Supervisor(hung_after_s=hung_after_s)
@@ -380,15 +381,6 @@ def run_forked(
                 )
     finally:
         supervisor.stop(_TERMINATE_FORKS_WITHIN_S)
-
-
-def _check_single_threaded() -> None:
-    threads = sum(1 for _ in Path("/proc/self/task").iterdir())  # also those of libraries
-    if threads > 1:
-        raise RuntimeError(
-            f"{threads} threads run at the fork: fork before opening a Zenoh session, "
-            "and call use_one_thread_for_arithmetic() before importing numpy"
-        )
 
 
 def work_without_preempting() -> None:

@@ -11,7 +11,7 @@ from clustermcl.protocol.errors import LandmarksFileError
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
 from clustermcl.protocol.steps import MAX_LANDMARKS, Landmark, Sigma
-from clustermcl.runtime.compressed import first_bytes, too_long_problem
+from clustermcl.runtime.compressed import read_decompressed
 from clustermcl.runtime.yaml_text import yaml_of
 
 LANDMARKS_FILE = "landmarks.yaml"
@@ -77,9 +77,7 @@ def landmarks_and_entries(
 
     Without `floors`, positions are those on the landmarks' floors.
     """
-    content = first_bytes(path, _MAX_BYTES + 1, LandmarksFileError)
-    if len(content) > _MAX_BYTES:
-        raise LandmarksFileError(path, too_long_problem(_MAX_BYTES))
+    content = read_decompressed(path, LandmarksFileError, _MAX_BYTES)
     written, _ = yaml_of(content, path, LandmarksFileError)
     try:
         entries = converted(written, _File).landmarks
