@@ -69,8 +69,8 @@ def _of_localization(status: Status) -> Iterator[Metric]:
 
 def _labelled(name: str, meaning: str, label: str, values: Mapping[str, float]) -> Metric:
     family = GaugeMetricFamily(f"clustermcl_{name}", meaning, labels=[label])
-    for value_of, value in values.items():
-        family.add_metric([value_of], value)
+    for of, value in values.items():
+        family.add_metric([of], value)
     return family
 
 

@@ -90,14 +90,17 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
         c, s = math.cos(heading), math.sin(heading)
         return np.asarray(in_grid @ np.array([[c, s], [-s, c]]) + (x, y))
 
-    def seen_within(self, age_s: float) -> "Changes":
-        """Return the cells that were last seen so within this time [s]."""
-        kept = self.times_s.array()[:, 1] >= self.stamp_ns * 1e-9 - age_s
+    def chosen(self, kept: NDArray[np.bool_]) -> "Changes":
+        """Return some of the cells."""
         return msgspec.structs.replace(
             self,
             cells=ArrayBlob.of(self.cells.array()[kept], "int32"),
             times_s=ArrayBlob.of(self.times_s.array()[kept], "float64"),
         )
+
+    def seen_within(self, age_s: float) -> "Changes":
+        """Return the cells that were last seen so within this time [s]."""
+        return self.chosen(self.times_s.array()[:, 1] >= self.stamp_ns * 1e-9 - age_s)
 
 
 def unpacked_minutes(packed: bytes, shape: tuple[int, ...]) -> NDArray[np.int32]:

@@ -25,11 +25,6 @@ _MAX_STAMP_NS = 2**62
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
-def odometry_problem(reading: steps.OdometryReading) -> Cause | None:
-    """Return the defect that makes an odometry reading unusable, or None."""
-    return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
-
-
 def scan_problem(scan: steps.Scan) -> str | None:
     """Return the defect that makes a step unusable, or None."""
     problem = stamp_problem(scan.stamp_ns) or pose_problem(scan.odom_from_robot)

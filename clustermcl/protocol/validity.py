@@ -65,7 +65,10 @@ def _problems(message: object) -> Iterator[str | None]:
             yield "no ends of beams" if is_empty else None
             yield None if places is None else found_places_problem(places)
         case SetPose(pose=pose, covariance=tuple() as covariance):
-            yield drawable_problem(pose, covariance)
+            yield gaussian_problem(pose, covariance)
+            yield covariance_problem(
+                covariance, -math.inf, -FLATNESS
+            )  # particles are drawn from it
         case AdviceQuestion(hypotheses=places):
             if not all(0.0 <= place.probability <= 1.0 for place in places):
                 yield "a place whose probability is not from 0 to 1"
@@ -78,12 +81,6 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
     return key_of(problem) if (problem := pose_problem(mean)) else None
-
-
-def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
-    """Return why no particles can be drawn from this Gaussian, or None."""
-    cheap = gaussian_problem(mean, covariance)
-    return cheap or covariance_problem(covariance, -math.inf, -FLATNESS)
 
 
 def _particles_problem(particles: work.Particles) -> str | None:

@@ -34,13 +34,6 @@ class Why(msgspec.Struct, frozen=True):
         """Return the changes of one hypothesis by cause."""
         return {name: of[index] for name, of in self.changes.items() if index < len(of)}
 
-    def facts_of(self, index: int) -> dict[str, float]:
-        return {
-            name: of[0] if len(of) == 1 else of[index]
-            for name, of in self.facts.items()
-            if len(of) == 1 or index < len(of)
-        }
-
 
 def why_text(why: Why, index: int) -> str:
     """Return the changes of one hypothesis in words, the largest first; "" if there are none."""
@@ -48,6 +41,10 @@ def why_text(why: Why, index: int) -> str:
     shown = [f"{name} {nat:+.1f}" for name, nat in changes if abs(nat) >= SHOWN_NAT]
     if not shown:
         return ""
-    facts = ", ".join(f"{name} {value:.2f}" for name, value in why.facts_of(index).items())
+    facts = ", ".join(
+        f"{name} {of[index if len(of) > 1 else 0]:.2f}"
+        for name, of in why.facts.items()
+        if len(of) == 1 or index < len(of)
+    )
     total = sum(nat for _, nat in changes)
     return f"log odds {total:+.1f} nat: {', '.join(shown)}" + (f" ({facts})" if facts else "")

@@ -158,7 +158,8 @@ class OutlierFilter:
 
     def __call__(self, reading: Reading) -> list[Reading]:
         if isinstance(reading, OdometryReading):
-            problem = reading_checks.odometry_problem(reading)
+            problem = reading_checks.pose_problem(reading.odom_from_robot)
+            problem = problem or reading_checks.stamp_problem(reading.stamp_ns)
             self._outliers_in_a_row = self._outliers_in_a_row if problem else 0
         else:
             problem = reading_checks.laser_problem(reading) or self._problem_of_laser(reading)
