@@ -13,9 +13,15 @@ from clustermcl.belief.cluster_set import ClusterSet, log_of
 from clustermcl.belief.explained import explains
 from clustermcl.belief.ledger import Ledger
 from clustermcl.filter.laser.beam_fits import fit_and_through
-from clustermcl.filter.laser.evidence_model import scan_exponent, short_beam_gain
+from clustermcl.filter.laser.evidence_model import (
+    scan_exponent,
+    short_beam_gain,
+    through_beam_loss,
+)
 from clustermcl.protocol.work import TrackReport
 
+PERHAPS_LIFTED = 0.2
+"""Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
 OPEN = 0.02
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
 NO_PLACE = 0.2
@@ -54,8 +60,8 @@ def weigh(
         beams: (B,) evidence of the beams, if they fit (`Pieces`) [nat]; None: unknown.
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
-        unseen: share of the scan whose pieces of wall are new, and so count for elsewhere; None:
-            `news`.
+        unseen: share of the scan whose pieces of wall are new, and so count for elsewhere where a
+            pose was given; None: `news`.
         decoy: evidence of the new beams at places of the mirrored robot [nat]; None: unknown.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
         ledger: it records which part of the update changes which log odds.
@@ -73,9 +79,9 @@ def weigh(
     ledger.note_update("lifted or brought back", among, log_here, log_there, log_off)
     among, log_scan = update.among_clusters(among)
     ledger.note_update("scan", among, log_here, log_there, log_off)
-    log_scan += update.cut_short(among)
-    if log_here >= math.log(held.rules.localized_probability):
-        held.fit = held.fit.after(log_scan, news)
+    cut_short, through = update.explained(among)
+    log_scan += cut_short
+    update.follow_fit(log_scan - through, float(among.max()) + log_here)
     odds = update.log_odds_of_here(among, decoy)
     misses = update.missed(among)
     if held.given is not None:
@@ -85,9 +91,11 @@ def weigh(
     if not math.isnan(log_likelihood_elsewhere):
         fits_better = log_likelihood_elsewhere - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
-        log_there += (news if unseen is None else unseen) * (
+        log_there += (news if unseen is None or not held.on_map else unseen) * (
             min(fits_better, 0.0) if misses < 0.0 else fits_better
         )
+    if held.may_be_lifted:
+        log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
     ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)
@@ -203,21 +211,35 @@ class _Update:
         share = np.exp(belief.normalised_logs(among[list(found)]))
         return float(share @ [through - clear for _, clear, through in found.values()])
 
-    def cut_short(self, among: NDArray[np.float64]) -> float:
-        """Return the gain in log-likelihood of beams that end before obstacles, as at people [nat].
+    def follow_fit(self, log_scan: float, log_best: float) -> None:
+        """Learn how well scans fit while the robot is localized."""
+        held, rules = self._held, self._held.rules
+        if rules.kidnapping_probability == 0.0:
+            return
+        if held.fit.has_fallen or log_best >= math.log(rules.localized_probability):
+            held.fit = held.fit.after(log_scan, self._news)
+        else:
+            held.fit = replace(held.fit, shortfall=0.0)
+
+    def explained(self, among: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the correction of a scan's log-likelihood at the clusters by its beams [nat].
 
         It is 0 if the robot cannot be off the map; the update is then exactly Bayes' rule.
+
+        Returns:
+            The gain of beams before obstacles, which people explain; and the loss of beams through
+            obstacles, if nothing explained them.
         """
         held = self._held
         if held.rules.off_map_probability == 0.0:
-            return 0.0
-        counts = np.array([_counts(r) if r else (0, 0) for r in self._reports])
+            return 0.0, 0.0
+        counts = np.array([_counts(r) if r else (0, 0, 0) for r in self._reports])
         exponents = [scan_exponent(beams, held.sensor) for beams in counts[:, 0].tolist()]
-        beams, short = (np.exp(among) * exponents @ counts).tolist()
+        beams, short, through = (np.exp(among) * exponents @ counts).tolist()
         gain = short * short_beam_gain(held.short, held.sensor)
         if beams > 0.0:
             held.short += SHORT_LEARNED * self._news * (short / beams - held.short)
-        return float(gain)
+        return gain, through * through_beam_loss(held.sensor)
 
     def kidnapped(self) -> tuple[float, float, float]:
         """Return log probabilities of all clusters together, of elsewhere, and of off the map.
@@ -239,7 +261,8 @@ class _Update:
         return log_here + math.log1p(-hazard), float(log_there), float(log_off)
 
 
-def _counts(report: TrackReport) -> tuple[int, int]:
-    """Return the numbers of beams, and of those that end before any obstacle."""
+def _counts(report: TrackReport) -> tuple[int, int, int]:
+    """Return the numbers of beams, of those that end before any obstacle, and through walls."""
     fits, through = fit_and_through(report.fits)
-    return len(fits), int(np.count_nonzero((fits < MISSED) & ~through))
+    short = np.count_nonzero((fits < MISSED) & ~through)
+    return len(fits), int(short), int(np.count_nonzero(through))

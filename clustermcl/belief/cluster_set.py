@@ -132,6 +132,11 @@ class ClusterSet(Part):
         """Evidence of a piece of wall that fits, against one that does not [nat]."""
         return self.familiarity.evidence(self.rules.piece_evidence)
 
+    @property
+    def may_be_lifted(self) -> bool:
+        """Whether scans fit worse than usual at a place that was found, not given."""
+        return self.fit.has_fallen and not self.on_map
+
     def all(self) -> tuple[Cluster, ...]:
         """Return the clusters in the order in which they are summed."""
         return tuple(self.clusters.values())
@@ -265,13 +270,13 @@ class ClusterSet(Part):
         self.given, self.on_map = Given(), True
         self.log_elsewhere, self.log_off_map = 0.0, -math.inf
 
-    def doubt(self) -> None:
-        """Prepare the search after a given place has failed or a robot was probably lifted.
+    def give_up_given(self) -> None:
+        """Prepare the search after a given place has failed.
 
         Elsewhere gets what the state `localized` leaves it, so that places enter by how well they
         fit.
         """
-        self.fit, self.given = UsualFit(), None
+        self.given = None
         logs = [cluster.log_probability for cluster in self.all()]
         sure = self.rules.localized_probability
         least = float(np.logaddexp.reduce(logs)) + log_of(1.0 - sure) - math.log(sure)

@@ -31,6 +31,7 @@ from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import new_share
 from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings
@@ -51,6 +52,9 @@ from clustermcl.protocol.work import (
 
 ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
+LIFTED = 16.0
+"""A given place fails if the fit falls by so much at once: where a building has changed, it falls
+from scan to scan [nat]."""
 LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
@@ -140,7 +144,7 @@ class Ensemble(Part, kw_only=True):
             own_robot_found: see `Scan.own_robot_found`.
             scan: the step's scan, for the links of a building; None: there are none.
         """
-        was_lost = self._lost
+        was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         was_elsewhere = self._is_elsewhere or not len(self.clusters)
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.deferrable)  # searches may lag
@@ -193,7 +197,7 @@ class Ensemble(Part, kw_only=True):
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()
         given = self.clusters.given
-        self._look_elsewhere(step, was_elsewhere=was_elsewhere)
+        self._look_elsewhere(step, had_fallen=had_fallen, was_elsewhere=was_elsewhere)
         if given is not self.clusters.given:
             ledger.note("given pose fails")
         return self.outcome(step, missing, ledger)
@@ -275,16 +279,16 @@ class Ensemble(Part, kw_only=True):
         outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
         self.begin |= self.search.begin(first_step, *outside, near, corners)
 
-    def _look_elsewhere(self, step: int, *, was_elsewhere: bool) -> None:
-        """Begin a search if one is due, the robot becomes lost, or a place fails."""
-        given, fell = self.clusters.given, self.clusters.fit.has_fallen
-        fails = fell or (given is not None and (given.is_doubted or self._lost))
+    def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
+        """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
+        given, fit = self.clusters.given, self.clusters.fit
+        fails = given is not None and (given.is_doubted or fit.shortfall > LIFTED or self._lost)
         if given is not None and not fails:
             return
         if fails:
-            self.clusters.doubt()
-        lost = self._is_elsewhere and not was_elsewhere and not self._is_founding
-        if fails or lost:
+            self.clusters.give_up_given()
+        lifted = self._is_elsewhere and not was_elsewhere and not self._is_founding
+        if fails or lifted or (fit.has_fallen and not had_fallen):
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
         elif not self.search.runs and self.search.is_due(step, self._patience):
@@ -308,6 +312,7 @@ class Ensemble(Part, kw_only=True):
             self._admit_candidates(fresh, step, is_over=is_over)
         if is_over:
             self.events += self.search.stop(step, "search over")
+            self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
         begin, ended = self.decoy.follow(step, reports, is_open=self.clusters.off_map > OPEN)

@@ -1,4 +1,4 @@
-"""How much a scan counts: its exponent, its part in a search, and short beams (docs/belief.md).
+"""How much a scan counts: its exponent, its part in a search, and the usual fit (docs/belief.md).
 
 Beams of a scan are not independent, and errors of the map stay the same for about a metre of
 driving. Where no pose explains the scan, because of people or moved furniture, all fit badly.
@@ -16,12 +16,12 @@ from clustermcl.filter.settings import BeliefSettings, SensorSettings
 
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
-LIFTED = 16.0
-"""A fit that is lower by so much than chance explains is that of a kidnapped robot [nat]."""
-_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
+_UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
 """Variance of the fits at one place [nat^2]: before the first scan, and at least."""
-_CHANCE, _LEARNED = 3.0, 0.1
-"""Standard deviations by which a fit may be low by chance; weight of a scan in both."""
+_CHANCE, _LARGE_SHORTFALL = 3.0, 4.0
+"""Standard deviations by which a fit may be low by chance; sum of larger shortfalls [nat]."""
+_LEARNED, _LEARNED_BELOW = 0.1, 0.2
+"""Weight of a scan in the mean of fits; factor of that weight while fits are low."""
 
 
 def scan_exponent(beams: int, settings: SensorSettings) -> float:
@@ -55,6 +55,11 @@ def residual(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
     return max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
 
 
+def through_beam_loss(settings: SensorSettings) -> float:
+    """Return the log-likelihood ratio of a beam on an obstacle and an unexplained beam [nat]."""
+    return _log_hit(settings) - _log_unexplained(settings)
+
+
 def short_beam_gain(rate: float, settings: SensorSettings) -> float:
     """Return the log-likelihood ratio of a beam that ends at a person and an unexplained one [nat].
 
@@ -72,33 +77,40 @@ def _log_unexplained(settings: SensorSettings) -> float:
     return math.log(settings.random_weight / settings.max_range_m)
 
 
-NotNegative = Annotated[float, Meta(ge=0.0, le=sys.float_info.max)]
+Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 
 
 class UsualFit(msgspec.Struct, frozen=True):
     """How well scans have fitted where the robot is localized: a one-sided CUSUM test (Page 1954).
 
     A place that resembles the true one explains most of a scan, so evidence against it accumulates
-    slowly. A kidnapping shows at once; where a building has changed, the fit falls bit by bit.
+    slowly. If the fit drops by much more than its usual variation, the robot has probably been
+    kidnapped; this test detects it within one or two scans.
     """
 
-    mean: Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)] | None = None
+    mean: Finite | None = None
     """Mean of the scans' log-likelihoods [nat]; None: before the first scan."""
-    variance: Annotated[float, Meta(gt=0.0, le=sys.float_info.max)] = _VARIANCE
+    variance: Annotated[float, Meta(gt=0.0, le=sys.float_info.max)] = _UNKNOWN_VARIANCE
     """Variance of the scans' log-likelihoods [nat^2]."""
-    shortfall: NotNegative = 0.0
+    shortfall: Annotated[float, Meta(ge=0.0, le=sys.float_info.max)] = 0.0
     """Sum over the last scans of how much worse they fitted than chance explains [nat]."""
 
     @property
     def has_fallen(self) -> bool:
-        return self.shortfall > LIFTED
+        """Whether scans fit so badly that a search begins."""
+        return self.shortfall > _LARGE_SHORTFALL
 
     def after(self, log_likelihood: float, news: float) -> "UsualFit":
         """Return the statistics after one more scan; `news`, 0 to 1, is how independent it is."""
         if self.mean is None:
             return UsualFit(log_likelihood)
-        below, learned = self.mean - log_likelihood, _LEARNED * news
-        shortfall = max(self.shortfall + below - _CHANCE * math.sqrt(self.variance), 0.0)
+        below = self.mean - log_likelihood
+        by_chance = _CHANCE * math.sqrt(self.variance)
+        if self.has_fallen:
+            shortfall = self.shortfall if below > by_chance else 0.0
+        else:
+            shortfall = max(self.shortfall + below - by_chance, 0.0)
+        learned = _LEARNED * news * (_LEARNED_BELOW if shortfall > 0.0 else 1.0)
         mean = self.mean - learned * below
         variance = self.variance + learned * ((mean - log_likelihood) ** 2 - self.variance)
         return UsualFit(mean, max(variance, _LEAST_VARIANCE), shortfall)
