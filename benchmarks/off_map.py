@@ -50,8 +50,7 @@ from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.simulator.sensors import LidarModel
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.world import World
 
 STEPS, STEPS_OF_A_START = 160, 60

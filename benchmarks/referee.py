@@ -50,8 +50,7 @@ from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.runtime.settings_file import load_settings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 
 STEPS, CHANGED_AT = 100, 60
 GIVEN_OFF_M, GIVEN_OFF_RAD = 0.2, 0.08

@@ -38,8 +38,7 @@ from clustermcl.protocol.work import Assignment, SearchJob, SearchReport
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.office import office
 from clustermcl.simulator.worlds.world import World
 

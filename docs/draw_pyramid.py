@@ -18,8 +18,7 @@ from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 
 

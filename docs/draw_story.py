@@ -23,8 +23,7 @@ from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.view.plots import draw_map, draw_places
 

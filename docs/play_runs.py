@@ -17,8 +17,7 @@ from clustermcl.protocol.steps import TruePose
 from clustermcl.protocol.work import TrackJob
 from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.settings import Settings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.view.picture import Picture
 from clustermcl.view.recorded_run import best_pose

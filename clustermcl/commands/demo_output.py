@@ -1,5 +1,6 @@
 """The output of a demo: the beliefs while it runs, then a summary or a JSON object."""
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
@@ -65,10 +66,8 @@ class DemoOutput:
         shown = (
             each
             for each in events
-            if isinstance(each.event, job_events.Remark)
-            or not (
-                job_events.is_of_search(each.event) or each.event.probability < text.LEAST_SHOWN
-            )
+            if job_events.probability_of(each.event) >= text.LEAST_SHOWN
+            and not job_events.is_of_search(each.event)
         )
         for line in map(escaped, job_events.event_texts(shown)):
             self._events.append(line)
@@ -169,7 +168,8 @@ class DemoSummary:
             where = text.place_text(best.pose, best.covariance)
             yield f"At the end {belief.state} with probability {best.probability:.2f}: {where}"
             if error := self._error():
-                yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."
+                off_deg = math.degrees(error.heading_rad)
+                yield f"That is {error.distance_m:.2f} m and {off_deg:.1f} deg off."
         elif belief:
             yield f"At the end {belief.state}; no place is known."
         yield (

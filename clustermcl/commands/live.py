@@ -58,13 +58,8 @@ def advise(settings: Settings, as_json: opt.AsJson = False) -> None:
 
 
 @opt.client_command
-def events(
-    settings: Settings,
-    above: opt.Above = 0.0,
-    as_json: opt.AsJson = False,
-) -> None:
+def events(settings: Settings, above: opt.Above = 0.0, as_json: opt.AsJson = False) -> None:
     """Print what began and ended and why, commands, and faults of sensors."""
-
     with opt.connected(settings) as client:
         answer = client.events()
     kept = tuple(each for each in answer.events if probability_of(each.event) >= above)

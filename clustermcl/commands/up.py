@@ -7,8 +7,6 @@ import time
 from contextlib import closing
 from typing import Annotated, assert_never
 
-import msgspec
-
 from clustermcl.commands import options as opt
 from clustermcl.commands.processes import become
 from clustermcl.commands.stack import ProcessEndedError, Stack, temporary_folder
@@ -19,7 +17,7 @@ from clustermcl.runtime.folders import kept_folder, recording_folder
 from clustermcl.runtime.main import outermost
 from clustermcl.runtime.parent import die_with_parent
 from clustermcl.runtime.settings import Settings
-from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.settings_file import load_settings, with_setting
 from clustermcl.runtime.stop import stop_on_signals
 from clustermcl.runtime.supervisor import ChildExit
 from clustermcl.view.admission import parsed_address
@@ -42,19 +40,21 @@ def up(
         become("commands.one_process", given)
     settings, page = load_settings(given.file, given.assignments), None
     _check_in_child(settings)
+    if not settings.recorder.folder:
+        recordings = str(kept_folder("state") / "flight-recorder")
+        settings = with_setting(settings, "recorder.folder", recordings, "clustermcl up")
     if view:
         page = ["--listen", parsed_address(listen or opt.HERE).netloc]
         page += ["--allow-commands"] if allow_commands else []
     stop = stop_on_signals()
     with temporary_folder() as folder:
-        recorded = _recorded(settings)
-        stack = Stack(recorded, folder, logs_in_folder=False, page_arguments=page)
+        stack = Stack(settings, folder, logs_in_folder=False, page_arguments=page)
         with closing(stack):
             stack.start_all()
             name, router = settings.robot.name, shlex.quote(settings.zenoh.router)
             say(f"robot {name!r} at {router}; Ctrl-C ends it")
             say(f"query it with: clustermcl pose --robot {name} --router {router}")
-            if (recording := recording_folder(recorded)) is not None:
+            if (recording := recording_folder(settings)) is not None:
                 say(f"see what happened with: clustermcl replay {shlex.quote(str(recording))}")
             while not stack.supervisor.wait(stop):
                 for ended in stack.supervisor.poll(time.monotonic()):
@@ -64,15 +64,6 @@ def up(
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
-
-
-def _recorded(settings: Settings) -> Settings:
-    """Return settings with a folder for the flight recorder, the default if they have none."""
-    if settings.recorder.folder:
-        return settings
-    folder = str(kept_folder("state") / "flight-recorder")
-    recorder = msgspec.structs.replace(settings.recorder, folder=folder)
-    return msgspec.structs.replace(settings, recorder=recorder)
 
 
 def _check_in_child(settings: Settings) -> None:

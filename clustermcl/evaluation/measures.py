@@ -40,10 +40,6 @@ class PoseError:
     heading_rad: float
 
     @property
-    def heading_deg(self) -> float:
-        return math.degrees(self.heading_rad)
-
-    @property
     def right(self) -> bool:
         return self.distance_m <= RIGHT_WITHIN_M and self.heading_rad <= RIGHT_WITHIN_RAD
 
@@ -58,10 +54,6 @@ class ReportedPlace(NamedTuple):
 
     probability: float
     error: PoseError
-
-    @property
-    def right(self) -> bool:
-        return self.error.right
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,15 +83,15 @@ class StepFacts:
     @property
     def truth_probability(self) -> float:
         """Probability of all right reported places together."""
-        return math.fsum(place.probability for place in self.reported if place.right)
+        return math.fsum(place.probability for place in self.reported if place.error.right)
 
     @property
     def tracked(self) -> bool:
-        return any(place.right for place in self.claims)
+        return any(place.error.right for place in self.claims)
 
     @property
     def right(self) -> bool:
-        return bool(self.claims) and self.claims[0].right
+        return self.error is not None and self.error.right
 
     @property
     def confident(self) -> bool:
@@ -173,7 +165,8 @@ def measures_of(
     facts: Sequence[StepFacts], *, wall_s: float = 0.0, cpu_s: float = 0.0
 ) -> RunMeasures:
     scored = [each for each in facts if each.truth]
-    held = [each for each in after_first_search(facts) if each.truth]
+    first_search_over = dropwhile(lambda each: each.state == "searching", facts)
+    held = [each for each in first_search_over if each.truth]
     final = scored[-1].error if scored else None
     good = right_for_good(scored)
     once_sure = list(dropwhile(lambda each: not (each.right and each.confident), scored))
@@ -219,13 +212,8 @@ def mean(values: Iterable[float]) -> float | None:
 
 def brier(facts: StepFacts) -> float:
     """Return the Brier score of a step, in which all right places count as one."""
-    wrong = math.fsum(place.probability**2 for place in facts.reported if not place.right)
+    wrong = math.fsum(p**2 for p, error in facts.reported if not error.right)
     return (1.0 - facts.truth_probability) ** 2 + wrong
-
-
-def after_first_search(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    first = next((i for i, each in enumerate(facts) if each.state != "searching"), len(facts))
-    return facts[first:]
 
 
 def right_for_good(scored: Sequence[StepFacts]) -> Sequence[StepFacts]:

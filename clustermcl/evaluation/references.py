@@ -53,7 +53,6 @@ def tum_line(stamp_ns: int, pose: PoseTuple) -> str:
 
 
 def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:
-    """Return stamp [ns] and pose of one line."""
     if len(words) != _WORDS:
         raise ValueError(f"{len(words)} numbers, a TUM line has {_WORDS}: t x y z qx qy qz qw")
     x, y, z, *quaternion = map(float, words[1:])

@@ -25,7 +25,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
-from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.recordings.recording import open_recording
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.parent import die_with_parent
 from clustermcl.runtime.settings import BridgeSettings, Settings
@@ -33,8 +33,7 @@ from clustermcl.runtime.sources import Simulated
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.runtime.supervisor import use_one_thread_for_arithmetic
 from clustermcl.sensor_bridge.recorded import steps_of
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import simulated_world
 
 TrueStep = tuple[Scan, PoseTuple | None]
@@ -50,9 +49,6 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
     floor: str = ""
     """Floor of `map` in which the robot drives, if that is a building and the world is not."""
 
-    def simulation(self, seed: int) -> Simulation:
-        return Simulation(simulated_world(Simulated(self.world)), seed)
-
 
 class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """A recording of a robot, with its map and perhaps the ground truth."""
@@ -63,9 +59,6 @@ class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """File with the ground truth; None: the ground truth is unknown, so no step is scored."""
     floor: str = ""
     """Floor of the ground truth, if `map` is a building."""
-
-    def opened(self, settings: BridgeSettings) -> Recording:
-        return open_recording(self.recording, settings)
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,8 +74,6 @@ class Course:
     """The steps of one run."""
 
     map: GridMap
-    map_name: str
-    """File or world of the map, for errors."""
     steps: Iterator[TrueStep]
     simulation: Simulation | None
 
@@ -91,18 +82,18 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
     """Begin a run; a file that cannot be used may raise its error only at the first step."""
     match case.robot:
         case SimulatedRobot() as robot:
-            simulation = robot.simulation(seed)
+            simulation = Simulation(simulated_world(Simulated(robot.world)), seed)
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
             known: Iterator[TrueStep] = simulated_steps(
                 simulation, settings, grid_map, steps=case.updates
             )
             if robot.map:
                 known = _in_atlas(known, grid_map.floors, robot)
-            return Course(grid_map, str(robot.map or robot.world), known, simulation)
+            return Course(grid_map, known, simulation)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
-            recording = robot.opened(settings)
+            recording = open_recording(robot.recording, settings)
             scans = steps_of(recording, settings, grid_map.digest, grid_map.floors)
             end = None if case.updates is None else start_step + case.updates
             true_steps: Iterator[TrueStep] = (
@@ -111,7 +102,7 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
             )
             if reference:
                 true_steps = _in_atlas(true_steps, grid_map.floors, robot)
-            return Course(grid_map, str(robot.map), true_steps, None)
+            return Course(grid_map, true_steps, None)
 
 
 def _in_atlas(
@@ -162,7 +153,7 @@ class Run:
         try:
             model = sensor_model(course.map, settings.sensor, folder)
         except ValueError as error:  # the map has no obstacle
-            raise MapFileError(course.map_name, str(error)) from error
+            raise MapFileError(self.case.robot.map or "", str(error)) from error
         scans, truths = itertools.tee(course.steps)
         followed = self.follow((scan for scan, _ in scans), model, settings)
         steps = zip(followed, truths, strict=True)

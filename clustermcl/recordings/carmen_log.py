@@ -11,13 +11,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
 from clustermcl.protocol.steps import MAX_BEAMS, LaserReading, OdometryReading, Reading
-from clustermcl.recordings.log_file import (
-    SENDER,
-    Entry,
-    SkippedLine,
-    stamp_ns_of,
-    words_of_lines,
-)
+from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine, stamp_ns_of, words_of_lines
 from clustermcl.recordings.rigid import MAX_MOUNT_M
 
 _KINDS = ("PARAM", "ODOM", "FLASER", "ROBOTLASER1")

@@ -216,21 +216,18 @@ class RunLogReader:
 
 def is_run_log(path: Path) -> bool:
     """Return whether a file, or any MCAP file of a folder, is a run log."""
-    return any(_has_our_header(file) for file in log_files(path))
+    for file in log_files(path):
+        # Damaged bytes raise whatever they hit, as in `RunLogReader.messages`.
+        with suppress(Exception), file.open("rb") as opened:
+            if _is_ours(next(mcap_records(opened))):
+                return True
+    return False
 
 
 def log_files(path: Path) -> list[Path]:
     """Return the file, or the MCAP files of a folder sorted by name; only regular files."""
     files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
     return [file for file in files if file.is_file()]
-
-
-def _has_our_header(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return _is_ours(next(mcap_records(file)))
-    except Exception:  # noqa: BLE001 - as in `RunLogReader.messages`
-        return False
 
 
 def _is_ours(record: object) -> bool:

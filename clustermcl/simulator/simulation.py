@@ -1,16 +1,20 @@
-"""Simulates a robot in a world: odometry, laser scans and ground truth."""
+"""Simulates a robot in a world: odometry, laser scans, ground truth, and a bridge's steps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
+from msgspec.structs import replace
 
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading, Reading
+from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading, Reading, Scan
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import StepMaker
 from clustermcl.simulator.free_space import FreeSpace
 from clustermcl.simulator.lift import Lift
 from clustermcl.simulator.robot import RADIUS_M, Drive, Robot, driven
@@ -130,8 +134,7 @@ class Simulation:
         return reading, drive
 
     def _scan(self, stamp_ns: int, map_from_robot: PoseTuple) -> LaserReading:
-        model = self._lidar.model
-        lift = self.lift
+        model, lift = self._lidar.model, self.lift
         in_cabin = lift.ranges if lift and lift.middle is not None else None
         ranges = self._lidar.scan(map_from_robot, in_cabin)
         return LaserReading(
@@ -149,3 +152,27 @@ class Simulation:
         x, y, _ = self.map_from_robot
         poses.sort(key=lambda pose: -hypot(pose[0] - x, pose[1] - y))
         return poses[int(self._place_rng.integers(_KIDNAP_FARTHEST))]
+
+
+def simulated_steps(
+    simulation: Simulation,
+    settings: BridgeSettings,
+    grid_map: GridMap | None = None,
+    *,
+    steps: int | None = None,
+) -> Iterator[tuple[Scan, PoseTuple]]:
+    """Yield the steps that a bridge would make, each with the true pose; without `steps`, no end.
+
+    `grid_map` is the one to localize in; None: the world's own.
+    """
+    known, landmarks = grid_map or simulation.world.map, simulation.world.landmarks
+    maker = StepMaker(settings, known.digest, "simulator", landmarks=landmarks, floors=known.floors)
+    made = 0
+    while made != steps:
+        tick = next(simulation)
+        for message in tick.messages:
+            if isinstance(message, Observation):
+                maker.observe(message)
+            elif (scan := maker.on_reading(message)) is not None:
+                made += 1
+                yield replace(scan, last=made == steps), tick.map_from_robot

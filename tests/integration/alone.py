@@ -10,8 +10,7 @@ from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.runtime.settings import Settings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from tests.integration.worlds import world_of
 
 

@@ -147,16 +147,10 @@ def _best_of_each_place(poses: Poses, scores: np.ndarray) -> Poses:
 def refined(
     poses: Poses, hits_in_robot: Points, field: LikelihoodField, rng: np.random.Generator
 ) -> tuple[Poses, LogWeights]:
-    """Improve each pose by trials in a shrinking neighbourhood.
+    """Improve each of (N, 3) poses by trials in a shrinking neighbourhood.
 
-    Args:
-        poses: (N, 3).
-        hits_in_robot: (B, 2) end points of beams [m].
-        field: likelihood field of the map.
-        rng: draws the trials.
-
-    Returns:
-        (N, 3) poses, none less likely than before, and their (N,) log-likelihoods.
+    Return the poses, none less likely by the (B, 2) hits [m] than before, and their
+    (N,) log-likelihoods.
     """
     every = np.arange(len(poses))
     for spread in _SPREADS:

@@ -43,12 +43,8 @@ class Mount(msgspec.Struct, frozen=True, kw_only=True):
 def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
     """Estimate the mount of the laser and the scale of odometry.
 
-    Args:
-        map_from_laser: (N, 3) laser poses at consecutive steps.
-        odom_from_robot: (N, 3) odometry at the same steps.
-
-    Returns:
-        None if there are too few steps, or the robot turns too little.
+    Both poses, (N, 3), are of consecutive steps. None: there are too few, or the robot turns too
+    little.
     """
     laser = between(map_from_laser[:-_APART_STEPS], map_from_laser[_APART_STEPS:])
     robot = between(odom_from_robot[:-_APART_STEPS], odom_from_robot[_APART_STEPS:])
@@ -106,14 +102,8 @@ def lag_of(
 ) -> Lag | None:
     """Estimate the lag of the laser's stamps: by how much turns in the map come before odometry's.
 
-    Args:
-        map_from_laser: (N, 3) laser poses at consecutive steps.
-        stamps_s: (N,) stamps of their scans.
-        odometry_s: (M,) increasing stamps of odometry.
-        odometry_rad: (M,) headings there, without jumps of a full turn.
-
-    Returns:
-        None if there are too few steps, or the robot turns too little.
+    Of (N, 3) poses of the laser at consecutive steps and their (N,) stamps, and (M,) headings of
+    odometry without jumps of a full turn, at increasing stamps. None: as in `mount_of`.
     """
     turns = wrap_angle(np.diff(map_from_laser[:, 2]))
     if len(turns) < _LEAST_MOVEMENTS or np.abs(turns).sum() < _LEAST_TURN_RAD:

@@ -167,12 +167,7 @@ def _of_places(report: MapReport) -> Iterator[str]:
 
 
 def floor_remarks(groups: Iterable[tuple[PoseTuple, ...]], grid_map: GridMap) -> Iterator[str]:
-    """Yield remarks as sentences.
-
-    Args:
-        groups: poses that look alike, of which the first was tested, in the atlas.
-        grid_map: the building.
-    """
+    """Yield remarks on groups of poses in the atlas that look alike; the first was tested."""
     floors = grid_map.floors
     tested, alike = Counter[str](), Counter[tuple[str, str]]()
     for pose, *others in groups:

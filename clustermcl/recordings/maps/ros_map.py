@@ -134,9 +134,8 @@ def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
             f"negate {int(header.negate)}, mode {header.mode}"
         )
         raise MapFileError(path, problem)
-    remarks = [odd] if odd else []
-    if math.isnan(header.origin[2]):
-        remarks.append("origin: its yaw is not a number and is taken as 0; write [x, y, 0]")
+    yaw = "origin: its yaw is not a number and is taken as 0; write [x, y, 0]"
+    remarks = odd, yaw if math.isnan(header.origin[2]) else ""
     return known_part(cells, header.resolution, header.pose).with_remarks(*remarks)
 
 

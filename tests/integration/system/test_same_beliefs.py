@@ -11,8 +11,7 @@ from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import CommandRefusedError
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.runtime.settings import RecorderSettings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.system import system

@@ -18,8 +18,7 @@ from clustermcl.protocol.answers import Hypothesis
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan, mirrored
 from clustermcl.runtime.settings import BridgeSettings, Settings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 from tests.unit.recordings import recording_or_skip
 

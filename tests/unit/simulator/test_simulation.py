@@ -10,8 +10,7 @@ from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.simulator import robot
 from clustermcl.simulator.free_space import FreeSpace
 from clustermcl.simulator.sensors import Lidar, LidarModel
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.simulator.worlds.world import world_from_map
 

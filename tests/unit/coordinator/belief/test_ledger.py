@@ -16,8 +16,7 @@ from clustermcl.jobs.in_process import outcomes
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings, Settings
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from tests.soak.eight_rooms import eight_rooms
 
 KIDNAPPED_AT, STEPS = 20, 40

@@ -15,8 +15,7 @@ from clustermcl.protocol.steps import Reading, Scan, mirrored
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.step_maker import StepMaker
 from clustermcl.simulator.sensors import LidarModel
-from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import simulated_steps
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 
 MOUNT = (0.3, -0.1, 0.2)
