@@ -33,7 +33,7 @@ def run_of(letters: str) -> list[Update]:
 def test_a_step_records_the_probability_of_each_copy() -> None:
     (step,) = run_of("l")
     assert step.copies == pytest.approx((0.3, 0.3))
-    assert [claim.right for claim in step.facts.claims] == [False, True, True]
+    assert [claim.error.right for claim in step.facts.claims] == [False, True, True]
     assert step.all_tracked
     assert step.leader == 0
 
