@@ -53,8 +53,8 @@ from clustermcl.protocol.work import (
 ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
 LIFTED = 16.0
-"""A given place fails if the fit falls by so much at once: where a building has changed, it falls
-from scan to scan [nat]."""
+"""The fit where a person gave a place falls by so much at once if the robot is lifted: where the
+building has changed, it falls from scan to scan [nat]."""
 LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
@@ -144,7 +144,7 @@ class Ensemble(Part, kw_only=True):
             own_robot_found: see `Scan.own_robot_found`.
             scan: the step's scan, for the links of a building; None: there are none.
         """
-        was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
+        was_lost, had_fallen = self._lost, self._fit_has_fallen
         was_elsewhere = self._is_elsewhere or not len(self.clusters)
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.deferrable)  # searches may lag
@@ -281,14 +281,14 @@ class Ensemble(Part, kw_only=True):
 
     def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
-        given, fit = self.clusters.given, self.clusters.fit
-        fails = given is not None and (given.is_doubted or fit.shortfall > LIFTED or self._lost)
+        given, fell = self.clusters.given, self._fit_has_fallen and not had_fallen
+        fails = given is not None and (given.is_doubted or fell or self._lost)
         if given is not None and not fails:
             return
         if fails:
             self.clusters.give_up_given()
         lifted = self._is_elsewhere and not was_elsewhere and not self._is_founding
-        if fails or lifted or (fit.has_fallen and not had_fallen):
+        if fails or lifted or fell:
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
         elif not self.search.runs and self.search.is_due(step, self._patience):
@@ -489,6 +489,12 @@ class Ensemble(Part, kw_only=True):
         rules = self.settings.belief
         most = rules.localized_probability if self.clusters.given else rules.lost_probability
         return self.clusters.outside_clusters > most
+
+    @property
+    def _fit_has_fallen(self) -> bool:
+        """Whether scans fit so much worse than usual that the robot was probably lifted."""
+        fit = self.clusters.fit
+        return fit.shortfall > LIFTED if self.clusters.on_map else fit.has_fallen
 
     @property
     def _is_elsewhere(self) -> bool:
