@@ -100,9 +100,9 @@ class RestartFile:
     def read(self) -> BridgeState | None:
         """Return the state of a bridge killed within `TIMEOUT_S`; None: there is none."""
         path = self._path
-        if path is None or not path.is_file():
-            return None
         try:
+            if path is None or not path.is_file():
+                return None
             with path.open("rb") as file:
                 age_s = time.time() - os.fstat(file.fileno()).st_mtime
                 before = decoded(file.read(_MAX_BYTES), BridgeState, msgspec.json)

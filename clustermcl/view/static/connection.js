@@ -23,7 +23,7 @@ export class Connection {
       return;
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.socket = new WebSocket(new URL("live", `${scheme}://${location.host}${location.pathname}`));
     this.socket.onopen = () => {
       this.isOpen = true;
       this.drawn = 0;

@@ -1,5 +1,7 @@
 """What passes between ROS, the node's decisions and the engine."""
 
+from pathlib import Path
+
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Relocalize, SetPose, Update
 from clustermcl.protocol.arrays import ArrayBlob
@@ -8,6 +10,7 @@ from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
 from clustermcl.recordings.rigid import flat
 from clustermcl.ros2 import topics
+from clustermcl.ros2.bond import BridgeState, RestartFile
 from clustermcl.ros2.messages_out import pose_stamped, transform
 from clustermcl.ros2.port import SERVICES, Port, State
 from clustermcl.ros2.sides import EngineStatus
@@ -99,3 +102,10 @@ def test_diagnostics_come_once_a_second_with_counts_of_what_was_refused() -> Non
     (status,) = reported[-1].status
     values = {one.key: one.value for one in status.values}
     assert values == {"life cycle": "active", "initial pose refused": "1"}
+
+
+def test_a_restart_file_that_cannot_be_read_or_written_costs_no_start(tmp_path: Path) -> None:
+    kept = RestartFile(str(tmp_path), "x" * 300)  # no file can be called so
+    assert kept.read() is None
+    kept.keep(BridgeState(state="active", bond="b", held=None), 0.0)
+    assert kept.read() is None
