@@ -68,7 +68,7 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
         picture.on_belief(belief)
         picture.on_pose(best_pose(belief))
         if scan.step % CLOUD_EVERY_STEPS == 0 and len(belief.hypotheses) <= MOST_CLOUDS:
-            for job in (assignment.job for assignment in run.state.jobs):
+            for job in (running.handed_on().job for running in run.jobs.values()):
                 if isinstance(job, TrackJob) and job.start.step == scan.step:
                     picture.on_particles(job.cluster, job.start)
         progress(scan.step)

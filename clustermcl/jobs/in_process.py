@@ -39,7 +39,7 @@ class InProcess:
         self._snapshot_every, self.reports = snapshot_every_steps, list[Report]()
         self._started = settings
         self.ensemble = Ensemble.of(settings)
-        self._jobs: dict[str, RunningJob] = {}
+        self.jobs: dict[str, RunningJob] = {}
         self._arrays = ScanArrays()
         self.applied: Scan | None = None
         """The scan of the last step; None before the first."""
@@ -49,7 +49,7 @@ class InProcess:
         self._use(filter_with(self._started, scan.settings))
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
-        self.reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
+        self.reports = [self.jobs[job_id].advance(scan) for job_id in sorted(self.jobs)]
         before, self.applied = self.applied, scan
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
@@ -64,22 +64,22 @@ class InProcess:
             self._model = computed_model(self._model.grid, settings.sensor)
         self._settings = settings
         self.ensemble.use(settings)
-        for job in self._jobs.values():
+        for job in self.jobs.values():
             job.use(self._model, settings)
 
     def carry_out(self, outcome: Outcome) -> None:
         """End and begin the jobs of a step or of a command."""
         for job_id in outcome.end:
-            del self._jobs[job_id]
+            del self.jobs[job_id]
         self._begin(outcome.begin)
         for job_id, size in outcome.resize.items():
-            job = self._jobs[job_id]
+            job = self.jobs[job_id]
             assert isinstance(job, Tracking)  # only clusters have a number of particles
             job.size = size
 
     def _begin(self, jobs: Mapping[str, Job]) -> None:
         for job_id, job in jobs.items():
-            self._jobs[job_id] = running(
+            self.jobs[job_id] = running(
                 Assignment(job_id=job_id, epoch=0, job=job),
                 self._model,
                 self._settings,
