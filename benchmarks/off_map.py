@@ -372,9 +372,9 @@ class _Timed(InProcess):
 
     def _reports(self, scan: Scan) -> list[Report]:
         reports = []
-        for job_id in sorted(self._jobs):
+        for job_id in sorted(self.jobs):
             before_s = time.process_time()
-            reports.append(self._jobs[job_id].advance(scan))
+            reports.append(self.jobs[job_id].advance(scan))
             if job_id[0] in _DECOY_KINDS:
                 self.decoy_cpu_s += time.process_time() - before_s
         return reports
