@@ -43,7 +43,6 @@ from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan, mirrored
-from clustermcl.protocol.work import Report
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.runtime.folders import kept_folder
@@ -67,9 +66,6 @@ LIFTED_AT, LIFTED_STEPS = 40, 120
 MOST_SDS = 5.0
 WARM_UP_STEPS = 3
 """Not counted in CPU times: compiled kernels are loaded in them."""
-_CPU = ("cpu_s", "decoy_cpu_s")
-_DECOY_KINDS = "dm"
-"""Jobs whose names begin so track or search the mirrored robot."""
 KEPT_PLACES = 6
 """Of each step, in the cache."""
 
@@ -109,8 +105,7 @@ class Row(msgspec.Struct, frozen=True):
     sds: float
     """The same error in the place's own standard deviations."""
     cpu_s: float
-    decoy_cpu_s: float
-    """CPU time of the step, and the part of it that a decoy's jobs have."""
+    """CPU time of the step."""
     places: list[tuple[float, PoseTuple, float]]
     """Probability, pose and fit [nat/beam] of the most probable ones."""
     mount: PoseTuple
@@ -359,25 +354,16 @@ def _is_free(grid_map: GridMap, pose: PoseTuple) -> bool:
 
 
 class _Timed(InProcess):
-    """Measures the CPU time of each step, and of a decoy's jobs in it."""
+    """Measures the CPU time of each step."""
 
-    cpu_s = decoy_cpu_s = 0.0
+    cpu_s = 0.0
 
     def timed(self, scan: Scan) -> Outcome:
         """Apply a step."""
-        self.decoy_cpu_s, before_s = 0.0, time.process_time()
+        before_s = time.process_time()
         outcome = self.advance(scan)
         self.cpu_s = time.process_time() - before_s
         return outcome
-
-    def _reports(self, scan: Scan) -> list[Report]:
-        reports = []
-        for job_id in sorted(self.jobs):
-            before_s = time.process_time()
-            reports.append(self.jobs[job_id].advance(scan))
-            if job_id[0] in _DECOY_KINDS:
-                self.decoy_cpu_s += time.process_time() - before_s
-        return reports
 
 
 def run(condition: Condition, settings: Settings, baseline: Settings | None = None) -> Result:
@@ -451,7 +437,6 @@ def _row(
         error_m=answer.error_m,
         sds=answer.sds,
         cpu_s=process.cpu_s,
-        decoy_cpu_s=process.decoy_cpu_s,
         places=[(p.probability, p.pose, 0.0) for p in places[:KEPT_PLACES]],
         mount=mount,
         max_range_m=max_range_m,
@@ -529,14 +514,11 @@ def _reported_error(results: Sequence[Result]) -> str:
 
 
 def _cost(results: Sequence[Result]) -> str:
-    """Return the CPU time of a step; its ratio to that of the baseline; that of decoys."""
+    """Return the CPU time of a step; its ratio to that of the baseline."""
     rows = [row for one in results for row in one.rows[WARM_UP_STEPS:]]
     text = f"{1000 * np.mean([row.cpu_s for row in rows]):.0f} ms a step"
     if baseline_s := math.fsum(one.baseline_cpu_s for one in results):
         text += f", {math.fsum(row.cpu_s for row in rows) / baseline_s:.2f} of the baseline"
-    if decoys := [row for row in rows if row.decoy_cpu_s]:
-        whole, part = (math.fsum(getattr(r, name) for r in decoys) for name in _CPU)
-        text += f", {whole / (whole - part):.2f} with a decoy ({len(decoys)} steps)"
     return text
 
 
