@@ -70,19 +70,6 @@ def recorded(session: zenoh.Session, settings: Settings, path: Path | None) -> I
     writing.result()
 
 
-def listen(
-    node: Node, key: str, message: type[M], handler: Callable[[M], object], kept: int
-) -> None:
-    """Call `handler` with each message on `key`, of which at most `kept` wait."""
-    node.subscribe(key, message, lambda one, _received: handler(one), kind=key, kept=kept)
-
-
-def handle_until_stopped(node: Node) -> None:
-    """Handle received messages until the node's stop flag is set and its inbox is empty."""
-    while node.turn(0.0 if node.stop.is_set() else _POLL_S) or not node.stop.is_set():
-        pass
-
-
 class Recorder:
     """Writes scans, odometry, beliefs and the map to a file, until the stop flag is set."""
 
@@ -93,16 +80,22 @@ class Recorder:
         """Opened by `write`."""
         self._last: Scan | None = None
         self.steps = 0
-        self._node = node = Node("record", "recorder", settings, stop, peers=None, session=session)
-        listen(node, keys.SCAN, Scan, self._on_scan, 1024)
-        listen(node, keys.ODOMETRY, OdometryReading, lambda o: self._log.on_odometry(o), 4096)  # noqa: PLW0108
-        listen(node, keys.BELIEF, Belief, lambda b: self._log.on_belief(b, b.stamp_ns), 1024)
-        listen(node, keys.CHANGES, Changes, lambda c: self._log.write(CHANGES, c, c.stamp_ns), 16)
-        node.open(settings.zenoh.connect_timeout_s)
+        self._node = Node("record", "recorder", settings, stop, peers=None, session=session)
+        self._listen(keys.SCAN, Scan, self._on_scan, 1024)
+        self._listen(keys.ODOMETRY, OdometryReading, lambda o: self._log.on_odometry(o), 4096)  # noqa: PLW0108
+        self._listen(keys.BELIEF, Belief, lambda b: self._log.on_belief(b, b.stamp_ns), 1024)
+        self._listen(keys.CHANGES, Changes, lambda c: self._log.write(CHANGES, c, c.stamp_ns), 16)
+        self._node.open(settings.zenoh.connect_timeout_s)
 
     def write(self, path: Path) -> None:
-        with closing(self._node), RunLog(path) as self._log:
-            handle_until_stopped(self._node)
+        with closing(self._node) as node, RunLog(path) as self._log:
+            while node.turn(0.0 if node.stop.is_set() else _POLL_S) or not node.stop.is_set():
+                pass
+
+    def _listen(
+        self, key: str, message: type[M], handler: Callable[[M], object], kept: int
+    ) -> None:
+        self._node.subscribe(key, message, lambda one, _received: handler(one), kind=key, kept=kept)
 
     def _on_scan(self, scan: Scan) -> None:
         last = self._last

@@ -86,10 +86,7 @@ _ROLES = {
         asks=(keys.POSE, keys.EVENTS),
     ),
     "bridge": Rights(
-        publishes=(
-            *(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH, keys.CHANGES),
-            keys.OBSERVATION_READING,  # of a simulated robot
-        ),
+        publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH, keys.CHANGES),
         reads=(*_READINGS, keys.BELIEF),
         serves=(
             *(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
@@ -118,7 +115,7 @@ _ROLES = {
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),
     "recorder": Rights(
-        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING, keys.CHANGES),
+        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.CHANGES),
         asks=(keys.MAP, keys.SCAN_HISTORY),
     ),
     "ros2": Rights(

@@ -164,10 +164,10 @@ class Bridge:
         node.serve(keys.CONFIGURE, self._on_configure)
         node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
-        key, take = keys.OBSERVATION_READING, self._on_reading
-        node.subscribe(key, steps.Observation, take, kind="observation", kept=64, own=False)
-        self._observations = node.publisher(key)
-        """Of a source, for other processes."""
+        take = self._on_reading
+        node.subscribe(
+            keys.OBSERVATION_READING, steps.Observation, take, kind="observation", kept=64
+        )
         if source is None:
             node.subscribe(
                 keys.ODOMETRY_READING, steps.OdometryReading, take, kind="odometry", kept=256
@@ -218,8 +218,6 @@ class Bridge:
         if wait_s > 0.0:
             return min(wait_s, POLL_S)
         reading, self._next = self._next, None
-        if isinstance(reading, steps.Observation):
-            self._observations.put(reading)
         self._on_reading(reading)
         return 0.0
 

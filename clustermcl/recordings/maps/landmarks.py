@@ -1,21 +1,19 @@
 """Landmarks of a map: a YAML file next to it, with names and positions."""
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import LandmarksFileError
 from clustermcl.protocol.floors import ONE_MAP, Floors
-from clustermcl.protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
+from clustermcl.protocol.message import Coordinate, Id
 from clustermcl.protocol.steps import MAX_LANDMARKS, Landmark, Sigma
 from clustermcl.runtime.compressed import read_decompressed
 from clustermcl.runtime.yaml_text import yaml_of
 
 LANDMARKS_FILE = "landmarks.yaml"
-_DEFAULT_SIGMA_M = 0.05
 _MAX_BYTES = 2**17
 """For `MAX_LANDMARKS` with long names; PyYAML needs 1 s for it."""
 
@@ -26,25 +24,11 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     floor: str = ""
     id: Id | None = None
     class_: Id | None = msgspec.field(default=None, name="class")
-    sigma: Sigma | None = None
-    covariance: tuple[Finite, Finite, Finite, Finite] | None = None
-    count: Number = 0
-    """Sights that were averaged."""
+    sigma: Sigma = 0.05
 
     def __post_init__(self) -> None:
         if (self.id is None) == (self.class_ is None):
             raise ValueError("a landmark needs either an id or a class")
-        xx, xy, yx, yy = self.covariance or (1.0, 0.0, 0.0, 1.0)
-        is_valid = xy == yx and 0.0 < xx + yy <= MAX_POSE_M**2 and xy * xy < xx * yy
-        if not is_valid or (self.covariance and self.sigma):
-            raise ValueError("a landmark needs a sigma, or a positive definite covariance")
-
-    def sigma_m(self) -> float:
-        """Return the standard deviation in the direction where it is largest [m]."""
-        if self.covariance is None:
-            return self.sigma or _DEFAULT_SIGMA_M
-        xx, xy, _, yy = self.covariance
-        return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -55,8 +39,7 @@ def load_landmarks(path: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark
     """Read a landmarks file.
 
     The file has a list ``landmarks``; each has ``id``, or a ``class`` that it shares with others,
-    ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m], or the
-    ``covariance`` of x and y, row by row [m²], whose largest standard deviation is used. In a
+    ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m]. In a
     building, each has its ``floor``.
 
     Args:
@@ -67,32 +50,13 @@ def load_landmarks(path: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark
         LandmarksFileError: the file is unreadable or damaged, a field is unknown, missing or out of
             range, or an id is used twice.
     """
-    return landmarks_and_entries(Path(path), floors)[0]
-
-
-def landmarks_and_entries(
-    path: Path, floors: Floors | None = None
-) -> tuple[tuple[Landmark, ...], list[Any]]:
-    """Read a landmarks file; return its landmarks, and its entries as written.
-
-    Without `floors`, positions are those on the landmarks' floors.
-    """
+    path = Path(path)
     content = read_decompressed(path, LandmarksFileError, _MAX_BYTES)
     written, _ = yaml_of(content, path, LandmarksFileError)
     try:
         entries = converted(written, _File).landmarks
     except (ValueError, RecursionError) as error:
         raise LandmarksFileError(path, f"not a landmarks file: {error}") from None
-    return _landmarks(path, entries, floors), written["landmarks"]
-
-
-def landmarks_of_map(map_file: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark, ...]:
-    """Return the landmarks of the file in a map's folder; none if there is no file."""
-    path = Path(map_file).parent / LANDMARKS_FILE
-    return load_landmarks(path, floors) if path.exists() else ()
-
-
-def _landmarks(path: Path, entries: list[_Entry], floors: Floors | None) -> tuple[Landmark, ...]:
     found: list[Landmark] = []
     names: dict[str, bool] = {}
     """Whether each name is a class."""
@@ -101,11 +65,15 @@ def _landmarks(path: Path, entries: list[_Entry], floors: Floors | None) -> tupl
         try:
             if name in names and not (names[name] and entry.class_):
                 raise ValueError(f"the id {name!r} is used before; give each its own")
-            x, y = entry.x, entry.y
-            if floors is not None:
-                x, y, _ = floors.in_atlas(entry.floor, (x, y, 0.0))
+            x, y, _ = floors.in_atlas(entry.floor, (entry.x, entry.y, 0.0))
         except ValueError as error:
             raise LandmarksFileError(path, f"landmark {number}: {error}") from None
         names[name] = entry.id is None
-        found.append(Landmark(name=name, x=x, y=y, sigma=entry.sigma_m()))
+        found.append(Landmark(name=name, x=x, y=y, sigma=entry.sigma))
     return tuple(found)
+
+
+def landmarks_of_map(map_file: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark, ...]:
+    """Return the landmarks of the file in a map's folder; none if there is no file."""
+    path = Path(map_file).parent / LANDMARKS_FILE
+    return load_landmarks(path, floors) if path.exists() else ()

@@ -27,13 +27,6 @@ def test_landmarks_of_a_class_share_their_name(tmp_path: Path) -> None:
     )
 
 
-def test_of_a_covariance_the_largest_standard_deviation_is_used(tmp_path: Path) -> None:
-    """0.3 m along (1, 1) and 0.1 m across."""
-    entry = "{id: a, x: 1, y: 2, covariance: [0.05, 0.04, 0.04, 0.05], count: 17}"
-    (found,) = load_landmarks(written(tmp_path, f"landmarks: [{entry}]"))
-    assert found.sigma == pytest.approx(0.3)
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -42,14 +35,6 @@ def test_of_a_covariance_the_largest_standard_deviation_is_used(tmp_path: Path) 
         ("landmarks: [{id: a, x: 1, y: .nan}]", "landmarks"),
         ("landmarks: [{id: a, x: 1, y: 2, z: 3}]", "unknown field `z`"),
         ("landmarks: [{id: a, x: 1, y: 2, sigma: 0}]", "sigma"),
-        ("landmarks: [{id: a, x: 1, y: 2, covariance: [1, 2, 2, 1]}]", "positive definite"),
-        ("landmarks: [{id: a, x: 1, y: 2, covariance: [1, 0, 0.1, 1]}]", "positive definite"),
-        ("landmarks: [{id: a, x: 1, y: 2, covariance: [.inf, 0, 0, 1]}]", "covariance"),
-        ("landmarks: [{id: a, x: 1, y: 2, covariance: [1, 0, 0]}]", "covariance"),
-        (
-            "landmarks: [{id: a, x: 1, y: 2, sigma: 1, covariance: [1, 0, 0, 1]}]",
-            "needs a sigma, or a positive definite covariance",
-        ),
         ("landmarks: [{x: 1, y: 2}]", "needs either an id or a class"),
         ("landmarks: [{id: a, class: b, x: 1, y: 2}]", "needs either an id or a class"),
         ("landmarks: [{id: a, x: 1, y: 2}, {id: a, x: 3, y: 2}]", "the id 'a' is used before"),
