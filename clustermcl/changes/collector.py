@@ -6,6 +6,7 @@ snapshots, of the time `TRUSTED_STEPS` and more ago, take back what a wrong robo
 
 import math
 import zlib
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,16 +40,14 @@ from clustermcl.recordings.maps.grid_map import GridMap, coarse
 
 CELL_M = 0.1
 """Side of a coarse cell, as near as whole cells of the map allow [m]."""
-REACH_M = 8.0
+REACH_M = 12.0
 """Beams are used up to this length: a heading's error moves the end of longer ones [m]."""
-PLACES, PLACE_M = 3, 0.5
-"""A cell changes once it was contradicted from this many places, at least so far apart [m]."""
-SIGHTS = 2.0
-"""Scans that contradict a cell, less those that agree, that change it; to change it again it takes
-this many more, so that the edges of an obstacle are not moving."""
-LEAST_S = 2.0
-"""Least time between the first and the last of these [s]."""
-MOST_SIGHTS = 6.0
+SIGHTS, MOST_SIGHTS = 1.5, 6.0
+"""Scans that contradict a cell, less those that agree and what is forgotten, that change it; to
+change it again it takes this many more, so that the edges of an obstacle are not moving. And how
+many count at most."""
+PLACE_M, LEAST_S = 0.5, 2.0
+"""Least distance [m] and time [s] between the first and the last of these."""
 FORGOTTEN_S = 7 * 86_400.0
 """Time after which 63 % of the sights of a cell are forgotten [s]."""
 MOVING = 3
@@ -61,16 +60,18 @@ JUMP_RAD, JUMP_RAD_PER_M = 0.35, 0.05
 was wrong."""
 MOST_RECORDS = 50_000
 """Limit for the cells that were contradicted; 5 MB."""
-SIGMA_M, SIGMA_RAD = 0.5, 0.12
+SIGMA_M, SIGMA_RAD = 0.5, 0.1
 """Poses that are less certain are not used."""
-
+MOST_WAITING = 60
+"""Scans before the robot is localized that are collected once it is."""
 MOST_COUNT = 2**30
-_TIME_S = 2.0**34
+_TIME_S, _FAR_M = 2.0**34, 1e9
 _FIELDS: dict[str, tuple[str, float, float]] = {
     "cell": ("<i4", 0, MOST_CELLS),
     "evidence": ("<f4", 0, MOST_SIGHTS),  # scans against what the cell is, less those that agree
-    "count": ("<i4", 0, PLACES),  # of the places of these
     "first_s": ("<f8", -_TIME_S, _TIME_S),  # of these
+    "x_m": ("<f8", -_FAR_M, _FAR_M),  # the laser at the first of these
+    "y_m": ("<f8", -_FAR_M, _FAR_M),
     "last_s": ("<f8", -_TIME_S, _TIME_S),  # last sight of any kind
     "occupied": ("i1", 0, 1),  # what the cell is by what was seen
     "changes": ("<i4", 0, MOST_COUNT),
@@ -79,9 +80,7 @@ _FIELDS: dict[str, tuple[str, float, float]] = {
     "seen_s": ("<f8", -_TIME_S, _TIME_S),  # last of these
 }
 """Type, least and largest value of each field of a record."""
-RECORD = np.dtype(
-    [(n, kind) for n, (kind, *_) in _FIELDS.items()] + [("places", "<i4", (PLACES, 2))]
-)
+RECORD = np.dtype([(name, kind) for name, (kind, *_) in _FIELDS.items()])
 LAYOUT = str(RECORD.descr)
 _RAW = np.dtype((np.void, RECORD.itemsize))
 """A record as bytes: numpy copies records field by field, 50 times as slowly."""
@@ -108,6 +107,8 @@ class ChangeCollector:
         self._last: tuple[int, Pose, Pose] | None = None
         """The cluster, the pose and odometry when the robot was last localized."""
         self._odometry: Pose | None = None
+        self._waiting: deque[tuple[Scan, dict[int, Hypothesis]]] = deque(maxlen=MOST_WAITING)
+        """Scans since the robot was last localized, and the places after each, by cluster."""
 
     def on_step(self, scan: Scan, state: State, places: Sequence[Hypothesis]) -> None:
         """Collect what a scan shows, if the robot is localized after it.
@@ -119,7 +120,10 @@ class ChangeCollector:
         if self._odometry is not None:
             self._way_m += math.dist(odometry[:2], self._odometry[:2])
         self._odometry = odometry
-        if state != "localized" or scan.map_digest != self.map.digest:
+        if scan.map_digest != self.map.digest:
+            return
+        self._waiting.append((scan, {place.cluster: place for place in places}))
+        if state != "localized":
             return
         best = places[0]
         pose = np.array(best.pose)
@@ -130,14 +134,10 @@ class ChangeCollector:
             if is_far or abs(turn) > JUMP_RAD + JUMP_RAD_PER_M * self._way_m:
                 self.withdraw()
         self._last, self._way_m = (best.cluster, pose, odometry), 0.0
-        xx, _, _, _, yy, _, _, _, turn = best.covariance
-        if max(xx, yy) > SIGMA_M**2 or turn > SIGMA_RAD**2:
-            return
-        self._collect(pose, scan)
-        self._steps += 1
-        if self._steps % TRUSTED_STEPS == 0:
-            self._trusted = self._recent
-            self._recent = self.records, minute_of(scan.stamp_ns)
+        for earlier, places_then in self._waiting:
+            if best.cluster in places_then:
+                self._collect(places_then[best.cluster], earlier)
+        self._waiting.clear()
 
     def withdraw(self) -> None:
         """Take back what was collected since the robot was last right.
@@ -204,7 +204,11 @@ class ChangeCollector:
         self.records, self.seen_min = records, seen_min
         self._watch()
 
-    def _collect(self, pose: Pose, scan: Scan) -> None:
+    def _collect(self, seen_from: Hypothesis, scan: Scan) -> None:
+        xx, _, _, _, yy, _, _, _, turn = seen_from.covariance
+        if max(xx, yy) > SIGMA_M**2 or turn > SIGMA_RAD**2:
+            return
+        pose = np.array(seen_from.pose)
         stamp_s = scan.stamp_ns * 1e-9
         lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
         for laser in lasers:
@@ -216,6 +220,10 @@ class ChangeCollector:
                 REACH_M / self.cell_m, BEYOND_M / self.cell_m, self._out,
             )  # fmt: skip
             self._update(self._out[:count], place, stamp_s)
+        self._steps += 1
+        if self._steps % TRUSTED_STEPS == 0:
+            self._trusted = self._recent
+            self._recent = self.records, minute_of(scan.stamp_ns)
 
     def _update(self, seen: NDArray[np.int32], place: Pose, stamp_s: float) -> None:
         """Weigh what one laser has seen of cells, each at most once."""
@@ -230,25 +238,21 @@ class ChangeCollector:
         of = records.take(at)
         against = of["occupied"] != seen[:, 1]
         kept = np.exp(-np.maximum(stamp_s - of["last_s"], 0.0) / FORGOTTEN_S) * of["evidence"]
-        of["first_s"][against & (kept <= 0.0)] = stamp_s
+        is_first = against & (kept <= 0.0)
+        for name, value in (("first_s", stamp_s), ("x_m", place[0]), ("y_m", place[1])):
+            of[name][is_first] = value
         of["evidence"] = np.clip(kept + np.where(against, 1.0, -1.0), 0.0, MOST_SIGHTS)
-        of["count"][of["evidence"] <= 0.0] = 0
         of["last_s"] = stamp_s
         of["sights"] = np.minimum(of["sights"] + ~against, MOST_COUNT)
         of["seen_s"][~against] = stamp_s
-        here = np.rint(place[:2] / self.cell_m).astype(np.int32)
-        is_near = (np.abs(of["places"] - here) * self.cell_m < PLACE_M).all(axis=2)
-        is_near &= np.arange(PLACES) < of["count"][:, None]
-        is_new = against & (of["count"] < PLACES) & ~is_near.any(axis=1)
-        of["places"][is_new, of["count"][is_new]] = here
-        of["count"] += is_new
-        turned = (of["count"] >= PLACES) & (stamp_s - of["first_s"] >= LEAST_S)
+        turned = against & (stamp_s - of["first_s"] >= LEAST_S)
+        turned &= np.hypot(of["x_m"] - place[0], of["y_m"] - place[1]) >= PLACE_M
         turned &= of["evidence"] >= SIGHTS * (1 + of["changes"].clip(max=2))
         one = of.compress(turned)
         one["occupied"] ^= 1
         one["changes"] = np.minimum(one["changes"] + 1, MOST_COUNT)
         one["since_s"], one["seen_s"] = one["first_s"], stamp_s
-        one["sights"], one["evidence"], one["count"] = one["evidence"], 0.0, 0
+        one["sights"], one["evidence"] = one["evidence"], 0.0
         of[turned] = one
         records[at] = of
         idle = (records["evidence"] <= 0.0) & (records["changes"] == 0)
@@ -259,16 +263,12 @@ class ChangeCollector:
         """Return a copy of the records, with these cells."""
         records, codes = self.records, self._codes.reshape(-1)
         new = cells[(codes[cells] & WATCHED) == 0]
-        made = np.zeros(len(records) + len(new), RECORD)
-        is_made = np.zeros(len(made), bool)
-        is_made[np.searchsorted(records["cell"], new) + np.arange(len(new))] = True
-        made.view(_RAW)[~is_made] = records.view(_RAW)
-        first = made[is_made]
-        first["cell"], first["first_s"], first["last_s"] = new, stamp_s, stamp_s
-        first["occupied"] = codes[new] & WALL > 0
-        made[is_made] = first
+        made = np.zeros(len(new), RECORD)
+        made["cell"], made["last_s"] = new, stamp_s
+        made["occupied"] = codes[new] & WALL > 0
+        at = np.searchsorted(records["cell"], new)
         codes[new] |= np.uint16(WATCHED)
-        return made
+        return np.insert(records.view(_RAW), at, made.view(_RAW)).view(RECORD)
 
     def _watch(self) -> None:
         """Watch the cells of the records, and no others."""

@@ -9,6 +9,7 @@ import numpy as np
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.filter.arrays import FREE, OCCUPIED, Cells
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.protocol.answers import State
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
@@ -16,6 +17,7 @@ from clustermcl.recordings.maps.grid_map import GridMap
 from tests.unit.evaluation.places import place
 
 ANGLES = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+ASIDE = (1.2, 0.7)
 SHELF, CHAIR = np.s_[20:24, 60:80], np.s_[60:64, 40:44]
 """What is gone, and what is new: 0.2 m x 1 m of the map, and 0.2 m x 0.2 m of free ground."""
 
@@ -65,7 +67,7 @@ def scan_at(true: GridMap, pose: PoseTuple, step: int, digest: str, people: floa
 
 
 class Drive:
-    """Steps of one robot, which its collector sees localized at the true pose and an offset."""
+    """Steps of one robot, believed at the true pose and an offset: cluster 1; or at `ASIDE`: 2."""
 
     def __init__(self, grid_map: GridMap = OLD) -> None:
         self.map, self.step = grid_map, 0
@@ -79,11 +81,14 @@ class Drive:
         off: tuple[float, float] = (0.0, 0.0),
         cluster: int = 1,
         people: float = 0.0,
+        state: State = "localized",
     ) -> "Drive":
         for x, y, heading in path(self.step, count):
             scan = scan_at(true, (x, y, heading), self.step, self.map.digest, people)
-            believed = place(1.0, (x + off[0], y + off[1], heading), cluster=cluster)
-            self.collector.on_step(scan, "localized", (believed,))
+            believed = [place(0.9, (x + off[0], y + off[1], heading), cluster=cluster)]
+            if state == "ambiguous":
+                believed.append(place(0.1, (x + ASIDE[0], y + ASIDE[1], heading), cluster=2))
+            self.collector.on_step(scan, state, believed)
             self.step += 1
         return self
 

@@ -8,7 +8,7 @@ from clustermcl.changes import collector as collecting
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.protocol.changes import GONE, MOVED, NEW
 from clustermcl.recordings.maps.grid_map import coarse
-from tests.unit.changes.drives import CHAIR, OLD, SHELF, TRUE, Drive, room, scan_at
+from tests.unit.changes.drives import ASIDE, CHAIR, OLD, SHELF, TRUE, Drive, room, scan_at
 from tests.unit.evaluation.places import place
 
 
@@ -46,10 +46,10 @@ def _around(mask: np.ndarray) -> np.ndarray:
     return np.logical_or.reduce([wide[i : i + rows, j : j + cols] for i, j in np.ndindex(3, 3)])
 
 
-def test_a_robot_that_stands_or_sees_from_two_places_changes_nothing() -> None:
+def test_a_robot_that_stands_or_moves_a_little_changes_nothing() -> None:
     drive = Drive()
     for step in range(60):
-        pose = (1.0 + 0.6 * (step % 2), 0.4, 0.0)
+        pose = (1.0 + 0.4 * (step % 2), 0.4, 0.0)
         scan = scan_at(TRUE, pose, step, OLD.digest)
         drive.collector.on_step(scan, "localized", (place(1.0, pose),))
     assert drive.kinds() == {}
@@ -73,11 +73,24 @@ def test_only_a_localized_robot_collects() -> None:
     assert not drive.collector.seen_min.any()
 
 
+def test_what_was_seen_before_is_collected_once_the_robot_is_localized() -> None:
+    drive = Drive().steps(40, state="ambiguous")
+    assert not len(drive.collector.records)
+    assert drive.steps(1).kinds() == Drive().steps(41).kinds()
+
+
+def test_a_place_that_was_wrong_while_and_after_it_was_ambiguous_leaves_nothing() -> None:
+    drive = Drive().steps(200, state="ambiguous").steps(100, off=ASIDE, cluster=2)
+    assert sum(drive.kinds().values()) > 20
+    assert drive.steps(1).kinds() == {}
+    assert (drive.steps(60).kinds()[GONE], drive.kinds()[NEW]) == (20, 7)
+
+
 @pytest.mark.parametrize("wrong_steps", [60, 100])
 def test_what_a_wrong_robot_has_collected_is_taken_back(wrong_steps: int) -> None:
     drive = Drive().steps(2 * collecting.TRUSTED_STEPS + 1)
     right = drive.collector.changes("test").cells.array()[:, :2]
-    drive.steps(wrong_steps, off=(1.2, 0.7), cluster=1)
+    drive.steps(wrong_steps, off=ASIDE, cluster=1)
     assert len(drive.collector.changes("test").cells.array()) > len(right)
     drive.steps(1, cluster=2)
     after = drive.collector.changes("test").cells.array()[:, :2]
@@ -89,7 +102,7 @@ def test_what_a_wrong_robot_has_collected_is_taken_back(wrong_steps: int) -> Non
 
 
 def test_a_robot_that_was_wrong_from_the_start_leaves_nothing() -> None:
-    drive = Drive().steps(60, off=(1.2, 0.7))
+    drive = Drive().steps(60, off=ASIDE)
     assert drive.kinds()
     assert set(np.unique(drive.collector.seen_min)) == {0, 1}
     assert drive.steps(1, cluster=2).kinds() == {}

@@ -66,7 +66,7 @@ HOSTILE = {
     "below": {"records": records(cell=(-1, 1))},
     "never": {"records": records(since_s=np.nan)},
     "endless evidence": {"records": records(evidence=np.inf)},
-    "many places": {"records": records(count=4)},
+    "nowhere": {"records": records(x_m=np.inf)},
     "many changes": {"records": records(changes=2**31 - 1)},
     "no such state": {"records": records(occupied=2)},
     "a bomb": {"zlib_seen_min": zlib.compress(bytes(10**8))},
