@@ -13,10 +13,8 @@ from clustermcl.belief import log_probabilities as belief
 from clustermcl.filter.arrays import OCCUPIED, Cells, Points, Poses
 from clustermcl.filter.cluster.gaussian import fit_gaussian
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.beam_model import BeamModel
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
-from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.motion.noise import along_across_turn
 from clustermcl.filter.resampling import resample, systematic
@@ -112,8 +110,8 @@ def likelihood(kind: str, count: int, beams: int, compiler: bool) -> Case:
 
 
 def rays(kind: str, count: int, beams: int, compiler: bool) -> Iterator[Case]:
-    """Ray casting against our way in C, and against marching in C; the beam model on top."""
-    poses, (ranges, angles, _) = cloud(kind, count), scan(beams)
+    """Ray casting against our way in C, and against marching in C."""
+    poses, (_, angles, _) = cloud(kind, count), scan(beams)
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     jumps = jump_field(cells())
     clear = distance_transform_edt(cells() != OCCUPIED).astype(np.float32)
@@ -142,13 +140,6 @@ def rays(kind: str, count: int, beams: int, compiler: bool) -> Iterator[Case]:
     units = "ray", count * beams
     yield Case(f"rays, floor: the same in C, {about}", *units, ours, in_numpy, exact, check)
     yield Case(f"rays, floor: marching in C, {about}", *units, ours, in_numpy, marching)
-    grid, settings = Grid(cells(), CELL_M, np.zeros(3)), SensorSettings()
-    model = BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
-    seen = Beams(ranges, angles, np.zeros(3), MAX_RANGE_M)
-    yield Case(
-        f"beam model, floor: the rays alone in C, {about}", *units,
-        lambda: model.log_likelihood(poses, seen), None, exact,
-    )  # fmt: skip
 
 
 def motion(count: int, compiler: bool) -> Iterator[Case]:

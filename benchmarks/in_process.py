@@ -9,8 +9,7 @@ from clustermcl.belief import log_probabilities as belief
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_fits import fit_and_through
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SensorSettings
 from clustermcl.jobs.jobs import RunningJob, running
 from clustermcl.protocol.arrays import ArrayBlob

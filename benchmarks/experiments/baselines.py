@@ -18,7 +18,6 @@ from clustermcl.belief.outcome import Outcome
 from clustermcl.evaluation.run import Outcomes
 from clustermcl.filter.arrays import LogWeights, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process
@@ -37,9 +36,7 @@ def letter_outcomes(
 ) -> Iterator[tuple[Scan, Outcome]]:
     """Yield the belief after every step; arguments as for Cluster-MCL in one process."""
     settings = to_the_letter(settings)
-    if isinstance(model, LikelihoodFieldModel):
-        model = replace(model, settings=settings.sensor)
-    process = SquaredPrior(model, settings)
+    process = SquaredPrior(replace(model, settings=settings.sensor), settings)
     for scan in scans:
         yield scan, process.advance(scan)
 
@@ -84,7 +81,7 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class VisibleFieldModel(LikelihoodFieldModel):
+class VisibleFieldModel(SensorModel):
     """Weighs poses by the field and by occlusion.
 
     Cluster-MCL corrects the evidence of whole clusters for occluded ends, by an average over a few
@@ -160,14 +157,14 @@ def sufficient_particles(map_from_robot: Poses, error: float, least: int, most: 
 
 
 def with_visibility(model: SensorModel, settings: FilterSettings) -> SensorModel:
-    """Return the model that penalises occluded ends; a beam model casts all rays anyway."""
-    if not isinstance(model, LikelihoodFieldModel) or model.settings.visibility_particles == 0:
+    """Return the model that penalises occluded ends."""
+    if model.settings.visibility_particles == 0:
         return model
     sensor = changed(
         model.settings, visibility_beam_stride=max(model.settings.max_beams // RAYS_PER_POSE, 1)
     )
     most = kept_particles(settings)
-    return VisibleFieldModel(model.grid, model.field, model.pyramid, model.jumps, sensor, most)
+    return VisibleFieldModel(model.grid, sensor, model.pyramid, model.jumps, model.field, most)
 
 
 def visible_outcomes(

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
 import msgspec
 from msgspec import Meta
 
-SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
-"""Names of the sensor models that `sensor_models.OWN` has."""
+OWN_MODEL = "likelihood_field"
+"""Name of the sensor model."""
 MotionModelName: TypeAlias = Literal["omnidirectional", "differential"]
 
 _NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
@@ -62,9 +62,9 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Settings of the sensor model."""
 
-    model: Annotated[
-        str, Meta(extra={"form": '"likelihood_field", "beam" or an installed one'})
-    ] = "likelihood_field"
+    model: Annotated[str, Meta(extra={"form": '"likelihood_field" or an installed one'})] = (
+        OWN_MODEL
+    )
     """Sensor model."""
     scan_likelihood_exponent: Positive = 0.1
     """Multiplies the log-likelihood of a scan of max_beams; their errors correlate."""
@@ -78,14 +78,8 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Share of beams that hit the map."""
     random_weight: Annotated[float, Meta(gt=0, le=1)] = 0.25
     """Share of random beams."""
-    short_weight: NotNegative = 0.1
-    """Beam model: share of beams cut short by objects that are not in the map."""
-    max_weight: NotNegative = 0.05
-    """Beam model: share of beams without return."""
-    short_decay_per_m: Positive = 0.3
-    """Beam model: decay of short readings [1/m]."""
     max_obstacle_distance_m: Positive = 2.0
-    """Likelihood field: larger distances to an obstacle count as this one [m]."""
+    """Larger distances to an obstacle count as this one [m]."""
     visibility_particles: Annotated[int, Meta(ge=0, le=100_000)] = 50
     """Particles of a cluster that check beams for occlusion; 0: none."""
     visibility_beam_stride: PositiveInt = 5
@@ -98,7 +92,7 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Log-weight of a particle on occupied or unknown ground, at each step."""
 
     def __post_init__(self) -> None:
-        _check_model("sensor_model", self.model, get_args(SensorModelName))
+        _check_model("sensor_model", self.model, (OWN_MODEL,))
 
 
 class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -54,7 +54,7 @@ def build(file: Path, processor: str) -> None:
 
 def _run_every_kernel() -> None:
     run_kernels(SensorSettings(), MotionSettings())
-    run_kernels(SensorSettings(model="beam"), MotionSettings(model="differential"))
+    run_kernels(SensorSettings(), MotionSettings(model="differential"))
 
 
 if __name__ == "__main__":

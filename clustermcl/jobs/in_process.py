@@ -10,8 +10,7 @@ import numpy as np
 
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.outcome import Outcome
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.poses import between
 from clustermcl.filter.settings import FilterSettings, filter_with
 from clustermcl.jobs.jobs import RunningJob, Tracking, running

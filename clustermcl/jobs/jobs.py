@@ -297,7 +297,7 @@ def _seen(odom_from_robot: Pose, beams: Beams) -> Points:
     """Return (1 + B, 2) the robot's position and the ends of its beams, in odometry [m]."""
     x, y, heading = odom_from_robot
     c, s = math.cos(heading), math.sin(heading)
-    hits = beams.hits_in_robot[beams.returned]
+    hits = beams.hits_in_robot
     turned = np.column_stack((c * hits[:, 0] - s * hits[:, 1], s * hits[:, 0] + c * hits[:, 1]))
     return np.asarray(np.concatenate((np.zeros((1, 2)), turned)) + np.array([x, y]))
 

@@ -14,9 +14,8 @@ import msgspec
 import numpy as np
 
 from clustermcl.filter.kernels.folders import why_untrusted
-from clustermcl.filter.laser.sensor_model import MapArrays, SensorModel
-from clustermcl.filter.laser.sensor_models import OWN, model_class
-from clustermcl.filter.settings import SensorSettings
+from clustermcl.filter.laser.sensor_model import MapArrays, SensorModel, model_class
+from clustermcl.filter.settings import OWN_MODEL, SensorSettings
 from clustermcl.protocol.conversion import decoded
 from clustermcl.recordings.maps.grid_map import GridMap
 
@@ -44,7 +43,7 @@ def sensor_model(
     Raises:
         ValueError: the map has no obstacle.
     """
-    if cache_folder is not None and settings.model in OWN:
+    if cache_folder is not None and settings.model == OWN_MODEL:
         entry = cache_folder / _name(grid_map, settings)
         try:
             return _model(_cached(entry, grid_map, settings), grid_map, settings)

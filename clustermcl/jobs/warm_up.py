@@ -16,7 +16,7 @@ from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.filter.kernels.folders import why_untrusted
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.seen_cells import codes_of, seen_cells
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import computed_model
 from clustermcl.filter.settings import (
     BeliefSettings,
     ClusterSettings,

@@ -28,8 +28,6 @@ class LiveSettings(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     hit_sigma_m: _Positive = None
     hit_weight: _Share = None
     random_weight: _Share = None
-    short_weight: _NotNegative = None
-    max_weight: _NotNegative = None
 
 
 AS_STARTED = LiveSettings()

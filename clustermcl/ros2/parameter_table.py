@@ -86,11 +86,6 @@ _MOTION_MODELS = {
     "diff": "differential", "diff-corrected": "differential",  # of ROS 1
     "omni": "omnidirectional", "omni-corrected": "omnidirectional",
 }  # fmt: skip
-_SENSOR_MODELS = {
-    "likelihood_field": "likelihood_field",
-    "likelihood_field_prob": "likelihood_field",
-    "beam": "beam",
-}
 
 
 def _one_of(known: dict[str, str], value: str) -> str:
@@ -135,16 +130,9 @@ _ALL = (
     Parameter("initial_pose.x", 0.0, "ros2.initial_x_m"),
     Parameter("initial_pose.y", 0.0, "ros2.initial_y_m"),
     Parameter("initial_pose.yaw", 0.0, "ros2.initial_heading_rad"),
-    Parameter("lambda_short", 0.1, "sensor.short_decay_per_m"),
     Parameter("laser_likelihood_max_dist", 2.0, "sensor.max_obstacle_distance_m"),
     Parameter("laser_max_range", 100.0, "ros2.laser_max_range_m"),
     Parameter("laser_min_range", -1.0, "ros2.laser_min_range_m"),
-    Parameter(
-        "laser_model_type",
-        "likelihood_field",
-        "sensor.model",
-        partial(_one_of, _SENSOR_MODELS),
-    ),
     Parameter("map_topic", "map", "ros2.map_topic"),
     Parameter("max_beams", 60, "sensor.max_beams"),
     Parameter("odom_frame_id", "odom", "ros2.odom_frame"),
@@ -164,9 +152,7 @@ _ALL = (
     Parameter("update_min_a", 0.2, "bridge.gate_turn_rad"),
     Parameter("update_min_d", 0.25, "bridge.gate_distance_m"),
     Parameter("z_hit", 0.5, "sensor.hit_weight"),
-    Parameter("z_max", 0.05, "sensor.max_weight"),
     Parameter("z_rand", 0.5, "sensor.random_weight"),
-    Parameter("z_short", 0.05, "sensor.short_weight"),
     *_without(
         "all places share belief.particles",
         max_particles=2000,
@@ -177,6 +163,11 @@ _ALL = (
     *_without(
         "searches replace random particles", recovery_alpha_fast=0.0, recovery_alpha_slow=0.0
     ),
+    *_without(
+        "the sensor model is the likelihood field, which multiplies the beams' probabilities",
+        laser_model_type="likelihood_field",
+    ),
+    *_without("only AMCL's beam model uses it", lambda_short=0.1, z_max=0.05, z_short=0.05),
     *_without("resampling depends on cluster.resample_below_ess", resample_interval=1),
     *_without(_OWN_BEAM_SKIP, do_beamskip=False, beam_skip_distance=0.5),
     *_without(_OWN_BEAM_SKIP, beam_skip_threshold=0.3, beam_skip_error_threshold=0.9),

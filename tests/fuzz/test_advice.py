@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.advising import advice
 from clustermcl.protocol.advice import Advice, AdviceQuestion

@@ -13,7 +13,7 @@ from clustermcl.evaluation.map_check.look_alikes import refined
 from clustermcl.evaluation.map_check.mount import Lag, Mount, lag_of, mount_of
 from clustermcl.filter.arrays import OCCUPIED, Points, Poses
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import computed_model
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process

@@ -1,10 +1,10 @@
-"""The common parts of sensor models; `sensor_models.py` finds a model's class by name."""
+"""The sensor model: the likelihood field, corrected for occlusion."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self, TypeAlias
+from math import ceil
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels.compiled import ToCells, checked, kernel, plain
+from clustermcl.filter.laser.evidence_model import scan_exponent
+from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
+from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, occluded_scores
 from clustermcl.filter.laser.pyramid import Pyramid
-from clustermcl.filter.laser.ray_casting import JumpField
-from clustermcl.filter.settings import SensorSettings
+from clustermcl.filter.laser.ray_casting import JumpField, jump_field
+from clustermcl.filter.resampling import systematic
+from clustermcl.filter.settings import OWN_MODEL, SensorSettings, user_models
 
 MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
 """Arrays that a model computes once from a map, by name; read-only, perhaps mapped from disk."""
@@ -53,11 +57,6 @@ class Beams:
         )
 
     @cached_property
-    def returned(self) -> NDArray[np.bool_]:
-        """(count,) whether each beam returned, for all lasers."""
-        return np.concatenate([laser.ranges < laser.max_range_m for laser in self.lasers])
-
-    @cached_property
     def hits_in_robot(self) -> Points:
         """(count, 2) ends of the beams of all lasers, in the robot's frame [m]."""
         return np.concatenate([laser.own_hits_in_robot for laser in self.lasers])
@@ -91,11 +90,8 @@ class LaserScan:
 
 
 @dataclass(frozen=True, eq=False)
-class SensorModel(ABC):
-    """Weighs poses in one map by scans."""
-
-    beam_work: ClassVar[int]
-    """Cost of scoring one beam at one pose [table look-ups]."""
+class SensorModel:
+    """Weighs poses in one map by how near the beams of a scan end to obstacles."""
 
     grid: Grid
     settings: SensorSettings
@@ -103,15 +99,20 @@ class SensorModel(ABC):
     """Bounds of the likelihood field over squares, for global searches."""
     jumps: JumpField
     """Jump field of the map; see `ray_casting`."""
+    field: LikelihoodField
 
-    @classmethod
-    @abstractmethod
-    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """Compute arrays from a map; this may take seconds, and the result is cached on disk.
+    @staticmethod
+    def arrays_of(grid: Grid, settings: SensorSettings) -> MapArrays:
+        """Compute the field's codes, their bounds over squares, and the jump field for rays.
+
+        This may take seconds, and the result is cached on disk.
 
         Raises:
             ValueError: no cell is occupied; every pose would fit equally well.
         """
+        field = LikelihoodField.build(grid, settings)
+        pyramid = Pyramid.arrays_of(field)
+        return {"codes": field.codes, "jumps": jump_field(grid.cells), **pyramid}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
@@ -120,8 +121,10 @@ class SensorModel(ABC):
         Raises:
             KeyError, ValueError: an array is missing, or is of another map.
         """
+        field = LikelihoodField.from_codes(arrays["codes"], grid, settings)
+        pyramid = Pyramid.from_arrays(arrays, grid, settings)
         jumps = checked(arrays["jumps"], np.uint8, (4, *grid.cells.shape))
-        return cls(grid, settings, Pyramid.from_arrays(arrays, grid, settings), jumps)
+        return cls(grid, settings, pyramid, jumps, field)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Choose the beams to score: of each laser equally many, in all at most `max_beams`."""
@@ -129,25 +132,84 @@ class SensorModel(ABC):
         others = tuple(self._of_laser(other, share) for other in scan.others)
         return replace(self._of_laser(scan, share), others=others)
 
-    @abstractmethod
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
-        """Choose the beams of one laser: valid ones, thinned evenly."""
+        """Choose beams that returned; the ends of the others are unknown."""
+        longest = min(scan.range_max_m, self.settings.max_range_m)
+        ranges = np.asarray(scan.ranges, np.float64)
+        return scan.beams(ranges, usable_beams(ranges, longest, max_beams), longest)
 
-    @abstractmethod
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""
+        return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
 
-    @abstractmethod
     def correction(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1, /
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
         """Return the amount to subtract from a cluster's log evidence [nat].
 
-        The amount includes the factor `scan_exponent`. It corrects what `log_likelihood` ignores
-        because it is too expensive for every particle.
+        It is a share of the mean score of the beams whose ends are occluded, times the factor
+        `scan_exponent`. The mean is estimated from a systematic sample of the particles, minus a
+        tolerance, because neither poses nor maps are exact.
         The (N, 3) poses are those after the scan; their (N,) weights sum to one. `sharers` callers
         share the work, as the shards of a search.
         """
+        of = self.settings
+        # So many that all beams are checked equally often.
+        count = of.visibility_beam_stride * ceil(
+            of.visibility_particles / (of.visibility_beam_stride * sharers)
+        )
+        count = min(count, of.visibility_particles)
+        if count == 0 or beams.count == 0:
+            return 0.0
+        chosen = systematic(weights, count, 0.5)
+        occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
+        tolerated = of.occlusion_tolerance * beams.count
+        mean = max(float(np.add.reduce(occluded)) / count - tolerated, 0.0)
+        return scan_exponent(beams.count, of) * of.occlusion_weight * mean
+
+    def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
+        """Return (N,) the part of each pose's `log_likelihood` from occluded beams [nat].
+
+        An end is occluded if its ray and both neighbours of the ray meet an occupied cell more
+        than `OCCLUSION_MARGIN_M` before it. Such a beam keeps the score of a random reading; the
+        rest is returned. This takes a hundred times as long as `log_likelihood`. So pose i checks
+        the beams i, i + stride and so on, modulo `visibility_beam_stride`, and counts them for all
+        beams, because the poses of one cluster see much the same.
+        """
+        occluded = [
+            occluded_scores(
+                plain(map_from_robot),
+                plain(laser.robot_from_laser[:2]),
+                plain(laser.own_hits_in_robot),
+                self.field.codes,
+                self.jumps,
+                self.grid.in_cells,
+                OCCLUSION_MARGIN_M / self.grid.cell_m,
+                self.field.log_step,
+                self.settings.visibility_beam_stride,
+            )
+            for laser in beams.lasers
+        ]
+        return np.asarray(np.sum(occluded, axis=0))
+
+
+def model_class(name: str) -> type[SensorModel]:
+    """Return the class with this name in the setting `sensor.model`.
+
+    Raises:
+        ValueError: no model has this name, or its code cannot be imported.
+    """
+    return SensorModel if name == OWN_MODEL else user_models["sensor_model", name]
+
+
+def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:
+    """Compute the model of a map.
+
+    Raises:
+        ValueError: the map has no obstacle, or no model has the name in the settings.
+    """
+    kind = model_class(settings.model)
+    return kind.from_arrays(grid, kind.arrays_of(grid, settings), settings)
 
 
 def usable_beams(

@@ -79,11 +79,11 @@ class _PastScan:
     beams: Beams
 
     def hits_from(self, odom_from_now: Pose) -> Points:
-        """Return the (B, 2) ends of the beams that returned, in the robot's present frame [m]."""
+        """Return the (B, 2) ends of the beams in the robot's present frame [m]."""
         now_from_then = between(odom_from_now, self.odom_from_robot)
         ends = np.zeros((self.beams.count, 3))
         ends[:, :2] = self.beams.hits_in_robot
-        return compose(now_from_then, ends)[self.beams.returned, :2]
+        return compose(now_from_then, ends)[:, :2]
 
 
 class GlobalSearch:
@@ -168,7 +168,7 @@ class GlobalSearch:
         earlier = [each.moved(motion) for each in self._observations]
         self._observations = [*earlier, *new][-_OBSERVATIONS_KEPT:]
         new_view, self._views = self._views.after(motion, rules.motion, rules.belief)
-        if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
+        if len(beams.ranges) and self._sampled > _SAMPLED:
             self._scans.append(_PastScan(odom_from_after, beams))
             if len(self._scans) == self._next_search:
                 return (yield from self._search(rng))
@@ -239,14 +239,13 @@ class GlobalSearch:
 
     def _fits(self, poses: Poses, beams: Beams, at_scan: Pose | None = None) -> Slices[LogWeights]:
         """Return (N,) log-likelihoods of a scan at poses, or at `at_scan` relative to each pose."""
-        work = beams.count * self._model.beam_work
-        some = max(SLICE_WORK // work // _POSES_TOGETHER, 1) * _POSES_TOGETHER
+        some = max(SLICE_WORK // beams.count // _POSES_TOGETHER, 1) * _POSES_TOGETHER
         parts = []
         for first in range(0, len(poses), some):
             part = poses[first : first + some]
             at = part if at_scan is None else compose(part, at_scan)
             parts.append(self._model.log_likelihood(at, beams))
-            yield from self._meter.spend(len(part) * work)
+            yield from self._meter.spend(len(part) * beams.count)
         return np.concatenate(parts)
 
     def _weigh(

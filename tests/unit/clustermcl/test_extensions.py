@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clustermcl import ClusterMCL, Reading, RecordingError, SettingsError, read_recording, register
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.runtime import extensions
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import world
@@ -21,7 +21,7 @@ def forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]
     extensions._installed.cache_clear()
 
 
-class Counting(LikelihoodFieldModel):
+class Counting(SensorModel):
     asked = 0
 
     def log_likelihood(self, *of: object) -> np.ndarray:
@@ -55,8 +55,8 @@ def test_an_installed_model_is_found_by_its_entry_point(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "own_model.py").write_text(
-        "from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel\n"
-        "class Own(LikelihoodFieldModel):\n    pass\n"
+        "from clustermcl.filter.laser.sensor_model import SensorModel\n"
+        "class Own(SensorModel):\n    pass\n"
     )
     about = tmp_path / "own_model-1.0.dist-info"
     about.mkdir()
@@ -64,7 +64,7 @@ def test_an_installed_model_is_found_by_its_entry_point(
     (about / "entry_points.txt").write_text(
         "[clustermcl.sensor_model]\nown = own_model:Own\ngone = own_model:Gone\n"
     )
-    with pytest.raises(SettingsError, match='"beam" or an installed one'):
+    with pytest.raises(SettingsError, match='"likelihood_field" or an installed one'):
         ClusterMCL(world("hall").map, settings={"sensor.model": "own"})
     extensions._installed.cache_clear()
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -17,8 +17,7 @@ from clustermcl.coordinator.coordinator import Coordinator, Started
 from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.settings import (
     BeliefSettings,
     ClusterSettings,

@@ -1,6 +1,6 @@
-"""The obvious way to cast rays and to weigh beams: slow, plain, and easy to check by eye."""
+"""The obvious way to cast rays: slow, plain, and easy to check by eye."""
 
-from math import cos, erf, exp, isfinite, log, pi, sin, sqrt
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import OCCUPIED, Cells, Pose
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
-from clustermcl.filter.settings import SensorSettings
 
 
 def jump_field(cells: Cells) -> NDArray[np.uint8]:
@@ -56,40 +55,3 @@ def _between(
     """From when to when a moving coordinate lies between two bounds; it must move."""
     ends = (low - start) / along, (high - start) / along
     return np.minimum(*ends), np.maximum(*ends)
-
-
-def beam_log_likelihood(
-    pose: Pose,
-    ranges: NDArray[np.float64],
-    angles: NDArray[np.float64],
-    cells: Cells,
-    cell_m: float,
-    max_range_m: float,
-    settings: SensorSettings,
-) -> float:
-    """One laser at `pose` in the grid's frame; table 6.1 line by line."""
-    total = 0.0
-    for reading, angle in zip(ranges, angles, strict=True):
-        expected = cast_ray(cells, cell_m, pose, angle, max_range_m)
-        returned = isfinite(reading) and 0.0 < reading < max_range_m
-        measured = reading if returned else max_range_m
-        total += log(density(measured, expected, max_range_m, settings))
-    return total
-
-
-def density(measured: float, expected: float, max_range_m: float, s: SensorSettings) -> float:
-    """Eq. 6.4 to 6.12, with the uniform part up to and including the largest range."""
-
-    def cumulated(x: float) -> float:
-        return 0.5 * (1.0 + erf((x - expected) / s.hit_sigma_m / sqrt(2.0)))
-
-    bell = exp(-0.5 * ((measured - expected) / s.hit_sigma_m) ** 2)
-    hit = bell / sqrt(2.0 * pi * s.hit_sigma_m**2) / (cumulated(max_range_m) - cumulated(0.0))
-    short = 0.0
-    if measured <= expected:
-        decay = s.short_decay_per_m
-        short = decay * exp(-decay * measured) / (1.0 - exp(-decay * expected))
-    none = 1.0 if measured >= max_range_m else 0.0
-    weights = s.hit_weight, s.short_weight, s.max_weight, s.random_weight
-    parts = hit, short, none, 1.0 / max_range_m
-    return sum(w * p for w, p in zip(weights, parts, strict=True)) / sum(weights)

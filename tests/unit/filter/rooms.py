@@ -5,9 +5,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import OCCUPIED, Cells, Pose
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.beam_model import BeamModel
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
-from clustermcl.filter.laser.sensor_model import Beams, LaserScan
+from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel, computed_model
 from clustermcl.filter.settings import MotionSettings, SensorSettings
 from tests.unit.filter.naive_rays import cast_rays
 
@@ -42,15 +40,8 @@ def divided_room() -> Cells:
     return cells
 
 
-def model_of(cells: Cells, settings: SensorSettings | None = None) -> LikelihoodFieldModel:
-    settings, grid = settings or SensorSettings(), Grid(cells, CELL_M, NO_OFFSET)
-    arrays = LikelihoodFieldModel.arrays_of(grid, settings)
-    return LikelihoodFieldModel.from_arrays(grid, arrays, settings)
-
-
-def beam_model_of(cells: Cells, settings: SensorSettings | None = None) -> BeamModel:
-    settings, grid = settings or SensorSettings(), Grid(cells, CELL_M, NO_OFFSET)
-    return BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
+def model_of(cells: Cells, settings: SensorSettings | None = None) -> SensorModel:
+    return computed_model(Grid(cells, CELL_M, NO_OFFSET), settings or SensorSettings())
 
 
 def scan_of(

@@ -7,8 +7,7 @@ from clustermcl.filter.arrays import OCCUPIED, Cells
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_fits import beam_fits, fit_and_through
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
-from clustermcl.filter.laser.sensor_model import Beams
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import Beams, computed_model
 from clustermcl.filter.settings import SensorSettings
 
 CELL_M = 0.05

@@ -17,7 +17,6 @@ from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import ClusterSettings, SensorSettings
 from tests.unit.filter.rooms import (
     PERFECT_ODOMETRY,
-    beam_model_of,
     divided_room,
     model_of,
     plain_room,
@@ -113,8 +112,6 @@ def test_occlusion_is_averaged_by_weight() -> None:
     assert heavy == pytest.approx(model.correction(HERE[None], np.ones(1), beams), rel=1e-6)
     assert light == pytest.approx(model.correction(behind[None], np.ones(1), beams), rel=1e-6)
     assert heavy != pytest.approx(light)
-    beam_model = beam_model_of(divided_room())
-    assert beam_model.correction(HERE[None], np.ones(1), beams) == 0.0, "it follows every ray"
 
 
 def test_the_noise_has_half_of_silvermans_width() -> None:

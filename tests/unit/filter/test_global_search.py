@@ -13,7 +13,6 @@ from clustermcl.filter.search.places import FoundPlace
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from clustermcl.filter.slices import finished
 from tests.unit.filter.rooms import (
-    beam_model_of,
     model_of,
     plain_room,
     seen_from,
@@ -114,11 +113,6 @@ def test_a_scan_without_a_return_adds_no_evidence() -> None:
     assert is_near(finished(search.places(rng))[0].mean, START)
     finished(search.advance(START, START, nothing, rng))
     assert is_near(finished(search.places(rng))[0].mean, START)
-
-
-def test_a_beam_model_is_searched_too() -> None:
-    search = search_in(plain_room(), model=beam_model_of(plain_room()))
-    assert is_near(places_after(search, plain_room(), [START])[0].mean, START)
 
 
 def test_a_map_without_a_free_cell_is_refused() -> None:

@@ -16,7 +16,7 @@ from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.resampling import resample
 from clustermcl.filter.search.places import cluster_by_source_point
 from clustermcl.filter.settings import MotionSettings, SensorSettings
-from tests.unit.filter.rooms import beam_model_of, plain_room, seen_from
+from tests.unit.filter.rooms import model_of, plain_room, seen_from
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -35,7 +35,7 @@ def results() -> dict[str, NDArray[Any]]:
         "omnidirectional": move(poses, after, MotionSettings(), standard_normals(rng, 3, 70)),
         "differential": move(poses, after, differential, standard_normals(rng, 3, 70)),
         "drawn": resample(log_likelihood, 70, rng),
-        "beams": beam_model_of(plain_room()).log_likelihood(
+        "occluded": model_of(plain_room()).occluded(
             poses[:3], seen_from(np.array([1.0, 3.0, 0.3]), plain_room())
         ),
         "labels": cluster_by_source_point(poses, log_likelihood, 0.5, 0.5, 100)[0],

@@ -1,6 +1,5 @@
 from dataclasses import replace
 from math import atan2, hypot
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,48 +11,39 @@ from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Points, Pos
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
-from clustermcl.filter.laser.likelihood_field_model import (
-    OCCLUSION_MARGIN_M,
-    OCCLUSION_SLACK_RAD,
-    LikelihoodFieldModel,
-)
+from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, OCCLUSION_SLACK_RAD
 from clustermcl.filter.laser.sensor_model import (
     Beams,
     LaserScan,
     SensorModel,
+    computed_model,
     ground_log_penalty,
+    model_class,
     usable_beams,
 )
-from clustermcl.filter.laser.sensor_models import computed_model, model_class
 from clustermcl.filter.poses import between, compose
-from clustermcl.filter.settings import SensorModelName, SensorSettings
+from clustermcl.filter.settings import SensorSettings
 from tests.unit.filter import naive
 from tests.unit.filter.naive_rays import cast_ray, cast_rays
 from tests.unit.filter.rooms import (
     CELL_M,
     NO_OFFSET,
-    beam_model_of,
     model_of,
     plain_room,
     scan_of,
 )
 
 FEW = SensorSettings(max_range_m=10.0, max_beams=4)
-BEAM, FIELD = beam_model_of(plain_room(), FEW), model_of(plain_room(), FEW)
+FIELD = model_of(plain_room(), FEW)
 NO_RETURN, BROKEN = np.inf, np.nan
-NAMES = get_args(SensorModelName)
-every_model = pytest.mark.parametrize("name", NAMES)
 
 
 def beams_of(ranges: list[float], model: SensorModel) -> Beams:
     return model.beams(LaserScan(np.array(ranges), 30.0, -1.0, 0.1, np.zeros(3)))
 
 
-def test_a_beam_without_return_counts_for_the_beam_model_only() -> None:
+def test_a_beam_without_return_does_not_count() -> None:
     ranges = [1.0, NO_RETURN, BROKEN, 40.0, -2.0, 3.0]
-    beams = beams_of(ranges, BEAM)
-    assert list(beams.ranges) == [1.0, 10.0, 10.0, 3.0]
-    assert beams.returned.tolist() == [True, False, False, True], "others have no end point"
     assert list(beams_of(ranges, FIELD).ranges) == [1.0, 3.0]
 
 
@@ -84,21 +74,19 @@ def test_an_unknown_model_name_is_refused() -> None:
         SensorSettings(model="third")
 
 
-@every_model
-def test_a_map_without_obstacles_is_refused(name: SensorModelName) -> None:
+def test_a_map_without_obstacles_is_refused() -> None:
     with pytest.raises(ValueError, match="no occupied cell"):
-        computed_model(Grid(np.zeros((3, 3), np.int8), 0.1, NO_OFFSET), SensorSettings(model=name))
+        computed_model(Grid(np.zeros((3, 3), np.int8), 0.1, NO_OFFSET), SensorSettings())
 
 
-@every_model
-def test_arrays_of_another_map_are_refused(name: SensorModelName) -> None:
-    kind, settings = model_class(name), SensorSettings(model=name)
+def test_arrays_of_another_map_are_refused() -> None:
+    settings = SensorSettings()
     grid, rooms = (Grid(np.tile(plain_room(), (n, n)), CELL_M, NO_OFFSET) for n in (1, 9))
-    arrays, others = (kind.arrays_of(of, settings) for of in (grid, rooms))
+    arrays, others = (SensorModel.arrays_of(of, settings) for of in (grid, rooms))
     for part in arrays:
         for wrong in (others[part], arrays[part].astype(np.float32)):
             with pytest.raises(ValueError, match="expected uint"):
-                kind.from_arrays(grid, {**arrays, part: wrong}, settings)
+                SensorModel.from_arrays(grid, {**arrays, part: wrong}, settings)
 
 
 # --- several lasers -----------------------------------------------------------------------------
@@ -120,12 +108,9 @@ def both(room: Cells) -> tuple[LaserScan, LaserScan, LaserScan]:
     return front, rear, replace(front, others=(rear,))
 
 
-@every_model
-def test_two_lasers_weigh_as_much_as_each_alone_together(name: SensorModelName) -> None:
+def test_two_lasers_weigh_as_much_as_each_alone_together() -> None:
     room = plain_room()
-    sensor = computed_model(
-        Grid(room, CELL_M, NO_OFFSET), SensorSettings(model=name, max_beams=200)
-    )
+    sensor = model_of(room, SensorSettings(max_beams=200))
     poses = TRUTH + np.random.default_rng(1).normal(0.0, 0.3, (50, 3))
     first, second, merged = (sensor.beams(scan) for scan in both(room))
     assert merged.count == first.count + second.count
@@ -152,12 +137,9 @@ def test_lasers_share_the_beams_that_are_scored_and_each_has_one(most: int, each
     assert [len(laser.ranges) for laser in merged.lasers] == [each, each]
 
 
-@every_model
-def test_a_laser_that_sees_nothing_leaves_the_other_as_it_is(name: SensorModelName) -> None:
+def test_a_laser_that_sees_nothing_leaves_the_other_as_it_is() -> None:
     room = plain_room()
-    sensor = computed_model(
-        Grid(room, CELL_M, NO_OFFSET), SensorSettings(model=name, max_beams=200)
-    )
+    sensor = model_of(room, SensorSettings(max_beams=200))
     front, rear, _ = both(room)
     blind = replace(rear, ranges=np.full(90, np.nan))
     first, merged = sensor.beams(front), sensor.beams(replace(front, others=(blind,)))
@@ -254,8 +236,8 @@ def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> fl
 def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
     rng, cells = np.random.default_rng(5), plain_room()
     grid, settings = Grid(cells, CELL_M, MAP_FROM_GRID), SensorSettings(visibility_beam_stride=1)
-    arrays = LikelihoodFieldModel.arrays_of(grid, settings)
-    model = LikelihoodFieldModel.from_arrays(grid, arrays, settings)
+    arrays = SensorModel.arrays_of(grid, settings)
+    model = SensorModel.from_arrays(grid, arrays, settings)
     size_m = CELL_M * np.array(cells.shape)[::-1]
     inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
     poses = compose(MAP_FROM_GRID, inside)

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.search import branch_and_bound, global_search, places
 from clustermcl.filter.search.global_search import GlobalSearch
 from clustermcl.filter.settings import FilterSettings, SearchSettings
@@ -36,7 +36,7 @@ class Counted:
 
         per_lookup = branch_and_bound._SUMS_PER_LOOKUP
         count(branch_and_bound, "sum_steps", lambda _, of, r: r[:, 2].sum() * len(of) // per_lookup)
-        count(LikelihoodFieldModel, "log_likelihood", lambda _, p, beams: len(p) * beams.count)
+        count(SensorModel, "log_likelihood", lambda _, p, beams: len(p) * beams.count)
         count(places, "cluster_by_source_point", lambda poses, *_: 27 * len(poses))
 
     def slice_ends(self) -> None:

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import computed_model
 from clustermcl.filter.settings import FilterSettings, SearchSettings, SensorSettings
 from clustermcl.jobs.jobs import running
 from clustermcl.protocol.work import Assignment, SearchJob, SearchReport

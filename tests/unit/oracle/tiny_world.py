@@ -10,7 +10,7 @@ from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.outcome import Outcome
 from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import computed_model
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import (
     ClusterSettings,

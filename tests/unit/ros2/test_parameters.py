@@ -70,7 +70,7 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
     settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=values)
     motion, sensor = settings.motion, settings.sensor
     assert (motion.turn_noise_per_turn, motion.model) == (0.5, "omnidirectional")
-    assert (sensor.max_beams, sensor.model) == (90, "likelihood_field")
+    assert sensor.max_beams == 90
     assert sensor.max_range_m == Settings().sensor.max_range_m
     assert settings.bridge.gate_distance_m == 0.3
     assert settings.ros2 == Ros2Settings(
@@ -82,6 +82,7 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
         laser_max_range_m=-1.0,  # the laser's own
     )
     assert notes == [  # and nothing of what is as nav2 has it by itself
+        f"laser_model_type has no effect: {PARAMETERS['laser_model_type'].reason}",
         f"pf_err has no effect: {PARAMETERS['pf_err'].reason}",
         "invented has no effect: AMCL has no such parameter",
     ]
@@ -155,7 +156,6 @@ def test_an_invalid_parameter_file_is_refused(tmp_path: Path, text: str, problem
         ("alpha1: -0.2", "alpha1 = -0.2: a variance must not be neg"),
         ("odom_frame_id: null", "odom_frame_id = None: nav2 expects"),
         ("robot_model_type: my::MotionModel", "nav2 has nav2_amcl::DifferentialMotionModel, nav2"),
-        ("laser_model_type: ndt", "nav2 has likelihood_field, like"),
         ("base_frame_id: $(var base)", "only ROS's launch files can replace"),
         ("scan_topic: <robot_namespace>/scan", "<robot_namespace>: w"),
         ("scan_topic: [1]", r"scan_topic = \[1\]: nav2 expects a string"),
@@ -242,7 +242,7 @@ def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose(is_set:
     assert (tested.parameters.settings, kept.shown) == (settings, {})
 
 
-NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_max", "z_rand", "z_short")
+NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_rand")
 NAV2_LIVE += tuple(f"alpha{number}" for number in range(1, 6))
 NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tolerance")
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import computed_model
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.advising import advice
 from clustermcl.link.node import Node

@@ -6,8 +6,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.cluster.cluster_filter import ParticleSet, measurement_update
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search.uniform_poses import UniformPoses
 from clustermcl.jobs.jobs import RunningJob, running

@@ -4,8 +4,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clustermcl.filter.laser.likelihood_field import LikelihoodField
-from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
-from clustermcl.filter.laser.sensor_model import LaserScan, MapArrays, SensorModel
+from clustermcl.filter.laser.sensor_model import MapArrays
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.jobs import map_model
 from clustermcl.jobs.map_model import sensor_model
@@ -17,11 +15,6 @@ from clustermcl.protocol.steps import Landmark
 from clustermcl.recordings.maps.grid_map import GridMap
 
 SETTINGS = SensorSettings()
-
-
-def field_of(model: SensorModel) -> LikelihoodField:
-    assert isinstance(model, LikelihoodFieldModel)
-    return model.field
 
 
 def grid_map(*, box: bool = True) -> GridMap:
@@ -37,15 +30,15 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
     for _ in range(2):  # the first call writes, the second only reads
         cached = sensor_model(grid_map(), SETTINGS, tmp_path)
         for ours, theirs in (
-            (field_of(cached).codes, field_of(computed).codes),
-            (field_of(cached).grid.cells, field_of(computed).grid.cells),
+            (cached.field.codes, computed.field.codes),
+            (cached.field.grid.cells, computed.field.grid.cells),
             (cached.jumps, computed.jumps),
         ):
             np.testing.assert_array_equal(ours, theirs)
             assert ours.dtype == theirs.dtype
-        assert field_of(cached).log_floor == field_of(computed).log_floor
-        assert field_of(cached).log_step == field_of(computed).log_step
-    array: object = field_of(cached).codes
+        assert cached.field.log_floor == computed.field.log_floor
+        assert cached.field.log_step == computed.field.log_step
+    array: object = cached.field.codes
     while isinstance(array, np.ndarray) and not isinstance(array, np.memmap):
         array = array.base
     assert isinstance(array, np.memmap), "a view of a view of the file, never a copy"
@@ -67,17 +60,6 @@ def test_the_most_recently_used_cache_entries_are_kept(tmp_path: Path) -> None:
     assert set(tmp_path.glob("field-*")) != kept
 
 
-def test_every_model_is_kept_with_the_arrays_that_it_needs(tmp_path: Path) -> None:
-    settings = SensorSettings(model="beam")
-    poses = np.array([[2.0, 3.5, 0.3], [3.0, 3.0, -1.0]])
-    weights = []
-    for folder in (None, tmp_path, tmp_path):
-        model = sensor_model(grid_map(), settings, folder)
-        beams = model.beams(LaserScan(np.full(9, 1.5), 10.0, -1.0, 0.25, np.zeros(3)))
-        weights.append(model.log_likelihood(poses, beams))
-    np.testing.assert_array_equal(weights[1:], [weights[0]] * 2)
-
-
 def test_another_map_or_other_settings_are_another_entry_but_not_other_landmarks(
     tmp_path: Path,
 ) -> None:
@@ -97,7 +79,7 @@ def test_a_folder_that_cannot_be_written_costs_only_a_warning(
     with caplog.at_level(logging.WARNING):
         model = sensor_model(grid_map(), SETTINGS, in_the_way)
     assert "cannot be used" in caplog.text
-    assert field_of(model).codes.shape == (32, 42)
+    assert model.field.codes.shape == (32, 42)
 
 
 @pytest.mark.parametrize("is_folder", [True, False])
@@ -110,7 +92,7 @@ def test_arrays_that_others_may_write_are_not_used(
     with caplog.at_level(logging.WARNING):
         again = sensor_model(grid_map(), SETTINGS, tmp_path)
     assert f"cannot be used: other accounts may write {written}" in caplog.text
-    np.testing.assert_array_equal(field_of(again).codes, field_of(model).codes)
+    np.testing.assert_array_equal(again.field.codes, model.field.codes)
 
 
 def test_one_of_many_processes_computes_the_field_and_the_others_read_it(
@@ -128,7 +110,7 @@ def test_one_of_many_processes_computes_the_field_and_the_others_read_it(
         models = list(threads.map(lambda _: sensor_model(grid_map(), SETTINGS, tmp_path), range(4)))
     assert len(computed) == 1
     for model in models:
-        np.testing.assert_array_equal(field_of(model).codes, field_of(models[0]).codes)
+        np.testing.assert_array_equal(model.field.codes, models[0].field.codes)
 
 
 def test_a_full_disk_leaves_nothing_behind(

@@ -6,8 +6,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.jobs.jobs import running
 from clustermcl.protocol.errors import MalformedMessageError, UnreachableError
 from clustermcl.protocol.live_settings import LiveSettings

@@ -14,7 +14,7 @@ from benchmarks.experiments.mcl import (
 from clustermcl.filter.arrays import UNKNOWN
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.laser.sensor_model import computed_model
 from clustermcl.filter.poses import between
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.arrays import ArrayBlob
