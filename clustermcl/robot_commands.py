@@ -63,24 +63,22 @@ class RobotCommands:
         )
         self._check_and_carry_out(command)
 
-    def relocalize(self, near: Circle | None = None, region: str = "", floor: str = "") -> None:
+    def relocalize(self, near: Circle | None = None, floor: str = "") -> None:
         """Drop all places, including the last pose in the state file, and search for places.
 
         Args:
             near: x, y and radius of a circle to search in [m]; None: search everywhere.
-            region: name of a region of the setting `search.regions` to search in; empty: search
-                everywhere.
-            floor: the floor of `near` or `region`, or to search without these; empty: all floors.
+            floor: the floor of `near`, or to search without it; empty: all floors.
 
         Raises:
-            CommandRefusedError: there is no region or floor of this name.
+            CommandRefusedError: there is no floor of this name.
             ValueError: a number of `near` is not finite, or the radius is not positive.
         """
         if near is not None:
             x, y, radius_m = map(float, near)
             near = (x, y, radius_m)
         self._check_and_carry_out(
-            Relocalize(sender=caller(), command_id=new_id(), near=near, region=region, floor=floor)
+            Relocalize(sender=caller(), command_id=new_id(), near=near, floor=floor)
         )
 
     def _check_and_carry_out(self, command: SetPose | Relocalize) -> None:

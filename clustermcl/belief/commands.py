@@ -14,7 +14,6 @@ from clustermcl.belief.outcome import Outcome
 from clustermcl.belief.part import FEW, Count, Part, Text
 from clustermcl.filter.motion.trajectory import Trajectory
 from clustermcl.filter.random_streams import Purpose
-from clustermcl.filter.search.regions import parsed_regions
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.errors import printable
 from clustermcl.protocol.floors import ONE_MAP
@@ -82,7 +81,7 @@ class Commands(Part):
         Returns:
             The new belief; None: the command waits or was refused.
         """
-        commanded, problem = _with_odometry(command, odometry, ensemble.settings.search.regions)
+        commanded, problem = _with_odometry(command, odometry)
         problem = problem or _ground_problem(command, ground)
         self._remember(command, problem)
         if problem:
@@ -125,9 +124,7 @@ class Commands(Part):
     ) -> Outcome:
         floors = ground.floors if ground else ONE_MAP  # a command that names a floor has waited
         if isinstance(commanded.command, Relocalize):
-            asked, regions = commanded.command, ensemble.settings.search.regions
-            corners = parsed_regions(regions).get(asked.region, ())
-            near, corners = floors.area(asked.floor, asked.near, corners)
+            near, corners = floors.area(commanded.command.floor, commanded.command.near)
             return ensemble.relocalize(applied.step, near=near, corners=corners)
         self.set_poses += 1
         given, settings = commanded.command, ensemble.settings
@@ -172,8 +169,8 @@ def command_remark(command: SetPose | Relocalize, problem: str = "") -> Remark:
                     f"+-{sigma_m:.2f} m"
                 ),
             )
-        case Relocalize(near=None, region=region):
-            cause, what = "search requested", f"region {printable(region)}" if region else ""
+        case Relocalize(near=None):
+            cause, what = "search requested", ""
         case Relocalize(near=(x, y, radius)):
             cause, what = "search requested", f"within {radius:g} m of x {x:.2f} m  y {y:.2f} m"
     refused = f"refused: {problem}" if problem else ""
@@ -182,18 +179,10 @@ def command_remark(command: SetPose | Relocalize, problem: str = "") -> Remark:
     return Remark(cause=cause, detail=", ".join(filter(None, parts))[:MAX_DETAIL_CHARACTERS])
 
 
-def _with_odometry(
-    command: SetPose | Relocalize, odometry: Trajectory, regions: str
-) -> tuple[Commanded, str]:
+def _with_odometry(command: SetPose | Relocalize, odometry: Trajectory) -> tuple[Commanded, str]:
     """Return a command with the odometry at its stamp, and the reason if it is refused."""
-    if isinstance(command, Relocalize):
-        known = parsed_regions(regions)
-        if not command.region or command.region in known:
-            return Commanded(command), ""
-        names, region = ", ".join(known) or "none", printable(command.region)
-        return Commanded(command), f"unknown region {region!r}; search.regions names {names}"
     oldest_ns, newest_ns = odometry.oldest_ns, odometry.newest_ns
-    if oldest_ns is None or newest_ns is None:
+    if isinstance(command, Relocalize) or oldest_ns is None or newest_ns is None:
         return Commanded(command), ""
     stamp_ns = newest_ns if command.stamp_ns is None else min(command.stamp_ns, newest_ns)
     odom_from_robot = odometry.pose_at(stamp_ns)
@@ -217,9 +206,8 @@ def _ground_problem(command: SetPose | Relocalize, ground: FreeGround | None) ->
         case FreeGround(), SetPose():
             return ground.problem_of(command.pose, _covariance(command), command.floor) or ""
         case FreeGround(floors=floors), Relocalize(floor=floor):
-            is_partial = command.near is not None or command.region
             try:
-                if floor or (floors and is_partial):
+                if floor or (floors and command.near is not None):
                     floors.floor(floor)
             except ValueError as error:
                 return str(error)

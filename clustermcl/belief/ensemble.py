@@ -220,7 +220,7 @@ class Ensemble(Part, kw_only=True):
         step: int,
         cause: EndedCause = "forgotten",
         near: Circle | None = None,
-        corners: Corners = (),
+        corners: Corners | None = None,
     ) -> Outcome:
         """Forget all clusters and search from the next step on.
 
@@ -230,7 +230,7 @@ class Ensemble(Part, kw_only=True):
             step: number of the last step.
             cause: reason for the end of the clusters.
             near: circle to search first; None: the whole map.
-            corners: corners of the region to search first; empty: the whole map.
+            corners: opposite ones of the rectangle to search first; None: the whole map.
         """
         self._forget(step, cause)
         self.found = False
@@ -274,7 +274,7 @@ class Ensemble(Part, kw_only=True):
         self,
         first_step: int,
         near: Circle | None = None,
-        corners: Corners = (),
+        corners: Corners | None = None,
     ) -> None:
         outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
         self.begin |= self.search.begin(first_step, *outside, near, corners)

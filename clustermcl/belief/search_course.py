@@ -103,7 +103,7 @@ class SearchCourse(Part):
         log_elsewhere: float = 0.0,
         log_off_map: float = -math.inf,
         near: Circle | None = None,
-        corners: Corners = (),
+        corners: Corners | None = None,
     ) -> dict[str, Job]:
         """Begin a search, and return its jobs.
 
@@ -112,7 +112,7 @@ class SearchCourse(Part):
             log_elsewhere: log of the probability that the robot is elsewhere on the map.
             log_off_map: log of the probability that it is not on the map.
             near: circle to search; None: the whole map.
-            corners: corners of the region to search; empty: the whole map.
+            corners: opposite ones of the rectangle to search; None: the whole map.
         """
         self.pool = SearchPool(self.begun, first_step, self.settings.search, self.mirrored)
         jobs: dict[str, Job] = {

@@ -13,7 +13,6 @@ import typer
 from clustermcl.commands import as_text as text
 from clustermcl.commands import options as opt
 from clustermcl.commands.as_json import json_object
-from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.job_events import probability_of
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.settings import Settings
@@ -113,15 +112,12 @@ def relocalize(
         tuple[float, float, float] | None,
         opt.option("Search only in this circle [m].", "X Y RADIUS"),
     ] = None,
-    region: Annotated[str, opt.option("Search only in this region.", "NAME")] = "",
     floor: opt.Floor = "",
 ) -> None:
     """Drop all places, and search everywhere or in part of the map."""
-    if near is not None and region:
-        raise SettingsError("--near and --region exclude each other: give one")
     with _checking(), opt.connected(settings) as client:
-        client.relocalize(near, region, floor)
-    where = f"in region {region}" if region else "everywhere"
+        client.relocalize(near, floor)
+    where = "everywhere"
     if near is not None:
         where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
     on = f" on floor {floor}" if floor else ""

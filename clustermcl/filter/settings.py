@@ -15,11 +15,6 @@ OWN_MODEL = "likelihood_field"
 """Name of the sensor model."""
 MotionModelName: TypeAlias = Literal["omnidirectional", "differential"]
 
-_NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
-_CORNER = rf"{_NUMBER}[ ]+{_NUMBER}"
-_REGIONS_FORM = "NAME: X Y, X Y; NAME: X Y, X Y, X Y; ..."
-_REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[ ]*\Z"
-
 
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
@@ -139,10 +134,6 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Places of them with particles."""
     min_place_share: Share = 0.0001
     """Places with a smaller share of the search are not reported."""
-    regions: Annotated[
-        str, Meta(pattern=_REGIONS_PATTERN, max_length=10_000, extra={"form": _REGIONS_FORM})
-    ] = ""
-    """Where `relocalize --region` searches: two corners of a rectangle, or a polygon's [m]."""
 
 
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -15,7 +15,6 @@ from clustermcl.protocol.health import Health
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import (
     LIST_BYTES,
-    MAX_ID_CHARACTERS,
     Circle,
     Covariance,
     Finite,
@@ -293,10 +292,8 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """As in `SetPose`."""
     near: Circle | None = None
     """Search in this circle only; None: everywhere."""
-    region: Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)] = ""
-    """Search in this one of `search.regions` only; empty: everywhere."""
     floor: FloorName = ""
-    """The floor of `near` or `region`, or to search without these; empty: all floors."""
+    """The floor of `near`, or to search without it; empty: all floors."""
 
 
 class Update(Message, frozen=True, kw_only=True, tag="update/1"):

@@ -95,18 +95,14 @@ class Floors(Part, frozen=True):
         (right, up), (x, y, heading) = self.floor(floor).shift, pose
         return x + right, y + up, heading
 
-    def area(
-        self, floor: str, near: Circle | None, corners: Corners
-    ) -> tuple[Circle | None, Corners]:
-        """Return a circle, or the corners of a region, in the atlas; without both, the floor's."""
+    def area(self, floor: str, near: Circle | None) -> tuple[Circle | None, Corners | None]:
+        """Return a circle in the atlas, or the corners of the floor if there is no circle."""
         if not floor:
-            return near, corners
+            return near, None
         here = self.floor(floor)
-        right, up = here.shift
-        if near is not None:
-            return (near[0] + right, near[1] + up, near[2]), ()
-        moved = tuple((x + right, y + up) for x, y in corners)
-        return None, moved or (here.low, here.high)
+        if near is None:
+            return None, (here.low, here.high)
+        return (near[0] + here.shift[0], near[1] + here.shift[1], near[2]), None
 
     def rides(self, pose: PoseTuple) -> tuple[PoseTuple, ...]:
         """Return where a robot at a pose of the atlas is on the other floors of links in reach."""

@@ -50,8 +50,8 @@ PoseTuple: TypeAlias = tuple[Coordinate, Coordinate, Finite]
 """x [m], y [m], heading [rad]."""
 Circle: TypeAlias = tuple[Coordinate, Coordinate, Positive]
 """x [m], y [m], radius [m]."""
-Corners: TypeAlias = tuple[tuple[Coordinate, Coordinate], ...]
-"""x [m], y [m] of each: two corners of a rectangle, or those of a polygon; empty: no region."""
+Corners: TypeAlias = tuple[tuple[Coordinate, Coordinate], tuple[Coordinate, Coordinate]]
+"""x [m], y [m] of the lowest and the highest corner of a rectangle."""
 Covariance: TypeAlias = tuple[
     NotNegative, Finite, Finite, Finite, NotNegative, Finite, Finite, Finite, NotNegative
 ]

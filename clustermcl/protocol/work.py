@@ -76,8 +76,8 @@ class SearchJob(Part, frozen=True, kw_only=True, tag_field="kind", tag="search")
     """The first step whose scan it uses."""
     near: Circle | None = None
     """Search in this circle only; None: everywhere."""
-    corners: Corners = ()
-    """Search in this region only; empty: everywhere."""
+    corners: Corners | None = None
+    """Search in this rectangle of an atlas only; None: everywhere."""
     mirrored: bool = False
     """Use the mirrored scans: the job of a decoy."""
 

@@ -41,7 +41,7 @@ class SettingInfo:
 
 
 EVERYDAY = frozenset({
-    "seed", "robot.name", "log.level", "worker.count", "worker.cache_folder", "search.regions",
+    "seed", "robot.name", "log.level", "worker.count", "worker.cache_folder",
     "zenoh.router", "zenoh.start_router",
     "zenoh.tls_ca_certificate", "zenoh.tls_certificate", "zenoh.tls_private_key",
     "bridge.map", "bridge.source", "bridge.gate_distance_m", "bridge.gate_turn_rad",

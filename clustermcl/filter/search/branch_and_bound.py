@@ -28,7 +28,6 @@ from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.log_weights import normalised_weights
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.resampling import optimal_resampling
-from clustermcl.filter.search.regions import Corners, is_region
 from clustermcl.filter.settings import SearchSettings
 from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
@@ -49,13 +48,15 @@ _SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
 
 Circle: TypeAlias = tuple[float, float, float]
 """x [m], y [m], radius [m] in the map."""
+Corners: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+"""x [m], y [m] of the lowest and the highest corner of a rectangle in the map."""
 
 
 class SearchSpace:
     """The leaves of a map, or of a part of it: positions, headings, and which hold a free cell.
 
     The headings, at most `heading_step_rad` apart, are shared by the shards. A circle `near` or a
-    region without a free leaf is ignored.
+    rectangle without a free leaf is ignored; the rectangle is of a grid that is not turned.
 
     Raises:
         ValueError: the map has no free cell.
@@ -68,7 +69,7 @@ class SearchSpace:
         heading_step_rad: float,
         shards: int,
         near: Circle | None = None,
-        corners: Corners = (),
+        corners: Corners | None = None,
     ) -> None:
         free, free_cells = free_leaves(grid, leaf_cells)
         if free_cells == 0:
@@ -76,8 +77,8 @@ class SearchSpace:
         leaf_m, all_leaves = leaf_cells * grid.cell_m, np.count_nonzero(free)
         tiles = free.shape, leaf_m, grid.map_from_grid
         for part in (
-            None if near is None else _inside(near, *tiles),
-            is_region(corners, *tiles) if corners else None,
+            None if near is None else _in_circle(near, *tiles),
+            None if corners is None else _in_rectangle(corners, *tiles),
         ):
             if part is not None and (inside := free & part).any():
                 free = inside
@@ -279,7 +280,7 @@ def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
     return grid.once(("free leaves", leaf), compute)
 
 
-def _inside(
+def _in_circle(
     near: Circle, shape: tuple[int, ...], leaf_m: float, map_from_grid: Pose
 ) -> NDArray[np.bool_]:
     """Return (rows, cols) whether the centre of each leaf lies in a circle of the map."""
@@ -287,6 +288,15 @@ def _inside(
     down = (np.arange(shape[0]) + 0.5) * leaf_m - y
     across = (np.arange(shape[1]) + 0.5) * leaf_m - x
     return np.asarray(down[:, None] ** 2 + across**2 <= near[2] ** 2)
+
+
+def _in_rectangle(
+    corners: Corners, shape: tuple[int, ...], leaf_m: float, map_from_grid: Pose
+) -> NDArray[np.bool_]:
+    """Return (rows, cols) whether the centre of each leaf lies in a rectangle of the map."""
+    (left, low), (right, high) = np.array(corners) - map_from_grid[:2]
+    y, x = ((np.arange(count) + 0.5) * leaf_m for count in shape)
+    return np.asarray(((low <= y) & (y < high))[:, None] & (left <= x) & (x < right))
 
 
 def _parts(runs: Runs, tiles: int) -> list[Runs]:

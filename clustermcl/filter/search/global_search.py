@@ -27,9 +27,13 @@ from clustermcl.filter.observations.kind import NO_LANDMARKS, Kind, Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.resampling import optimal_resampling
-from clustermcl.filter.search.branch_and_bound import BranchAndBoundSearch, Circle, SearchSpace
+from clustermcl.filter.search.branch_and_bound import (
+    BranchAndBoundSearch,
+    Circle,
+    Corners,
+    SearchSpace,
+)
 from clustermcl.filter.search.places import FoundPlace, Labels, Parts, clustered, found_places
-from clustermcl.filter.search.regions import Corners
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
@@ -99,7 +103,7 @@ class GlobalSearch:
         settings: FilterSettings,
         shard: int,
         near: Circle | None = None,
-        corners: Corners = (),
+        corners: Corners | None = None,
     ) -> None:
         self._model, self._settings, self._shard = model, settings, shard
         self._rules = rules = settings.search

@@ -148,7 +148,7 @@ def test_commands_from_before_the_map_are_carried_out_with_it(driven: Driven) ->
     count = len(heard.beliefs)
     driven.engine.command(Relocalize(sender="amcl", command_id=""))
     wait_until(lambda: len(heard.beliefs) > count and heard.beliefs[-1].state == "searching")
-    driven.engine.command(Relocalize(sender="amcl", command_id="", region="attic"))
+    driven.engine.command(Relocalize(sender="amcl", command_id="", floor="attic"))
     wait_until(lambda: any("attic" in one for one in heard.refused))
 
 

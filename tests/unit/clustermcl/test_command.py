@@ -47,7 +47,6 @@ def test_every_client_command_has_options_for_robot_and_router(name: str) -> Non
         (["demo", "--drive"], "--drive has no effect without --view"),
         (["up", "--allow-commands"], "--allow-commands has no effect without --view"),
         (["view", "--map", "m.yaml"], "--map has no effect without a recording"),
-        (["relocalize", "--near", "1", "2", "3", "--region", "lobby"], "give one"),
         (["demo", "--advised", "--view", "--drive"], "leave out --drive"),
         (["demo", "--advised", "--recording", "robot.log"], "can follow advice"),
         (["demo", "--view", "--drive", "--recording", "robot.log"], "only a simulated robot"),

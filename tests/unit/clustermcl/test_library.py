@@ -206,8 +206,8 @@ def test_set_pose_and_relocalize_change_the_belief(readings: list[Reading]) -> N
     mcl.relocalize()
     assert mcl.belief is not None
     assert (mcl.belief.state, mcl.belief.hypotheses) == ("searching", ())
-    with pytest.raises(CommandRefusedError, match="unknown region 'attic'"):
-        mcl.relocalize(region="attic")
+    with pytest.raises(CommandRefusedError, match="no floor 'attic'"):
+        mcl.relocalize(floor="attic")
     with pytest.raises(CommandRefusedError, match="map"):
         mcl.set_pose((700.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="is invalid"):

@@ -209,13 +209,13 @@ def test_commands_and_faults_of_sensors_are_events() -> None:
     story.scan(1, remarks=(silent,))
     for job_id, place in (("c0", NORTH), ("c1", SOUTH)):
         story.report(tracked(job_id, 1, 0.1, place), at_s=1.1)
-    problem = story.command(Relocalize(sender="page", command_id="1", region="lab"))
+    problem = story.command(Relocalize(sender="page", command_id="1", floor="lab"))
     assert problem
     story.command(given("2", 1.0, 2.0, 0.5), 2.0)
     remarks = [one for one in story.coordinator.events().events if isinstance(one.event, Remark)]
     assert [(one.step, one.event.cause, one.event.detail) for one in remarks] == [
         (1, "laser silent", "for 3.1 s"),
-        (1, "search requested", f"region lab, by page, refused: {problem}"),
+        (1, "search requested", f"floor lab, by page, refused: {problem}"),
         (1, "pose given", "x 1.00 m  y 2.00 m  heading 28.6 deg  +-0.50 m, by client"),
     ]
 
@@ -360,7 +360,9 @@ def test_only_the_last_command_before_the_first_scan_is_carried_out() -> None:
     story.command(given("2", 3.0, 2.0, 0.5))
     assert story.command(FORGET) == ""
     assert story.bootstrapped().probabilities == [0.5, 0.5]
-    assert story.command(replace(FORGET, command_id="3", region="attic")).startswith("unknown reg")
+    assert story.command(replace(FORGET, command_id="3", floor="attic")).startswith(
+        "there is no floor"
+    )
     assert len(story.beliefs[-1].hypotheses) == 2, "and nothing is forgotten"
 
 

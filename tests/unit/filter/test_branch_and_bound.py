@@ -100,17 +100,17 @@ def test_a_circle_limits_the_search_unless_it_has_no_free_leaf() -> None:
     assert nowhere.leaf_count == everywhere.leaf_count
 
 
-def test_a_region_limits_the_search_unless_it_has_no_free_leaf() -> None:
-    def leaves_in(corners: tuple[tuple[float, float], ...]) -> SearchSpace:
+def test_a_rectangle_limits_the_search_unless_it_has_no_free_leaf() -> None:
+    def leaves_in(*corners: tuple[float, float]) -> SearchSpace:
         return SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, 1, corners=corners)
 
-    part = leaves_in(((0.5, 2.5), (1.5, 3.5)))
+    part = leaves_in((0.5, 2.5), (1.5, 3.5))
     leaves = np.flatnonzero(part.free[-1])
     poses = part.poses(leaves, np.zeros(len(leaves), np.int64))
     assert np.all((poses[:, 0] >= 0.5) & (poses[:, 0] <= 1.5))
     assert np.all((poses[:, 1] >= 2.5) & (poses[:, 1] <= 3.5))
     assert len(leaves) == pytest.approx(25, abs=10)
-    assert leaves_in(((90.0, 90.0), (91.0, 91.0))).leaf_count == space_of().leaf_count
+    assert leaves_in((90.0, 90.0), (91.0, 91.0)).leaf_count == space_of().leaf_count
 
 
 def test_each_map_of_many_robots_keeps_its_leaves_until_it_ends() -> None:

@@ -178,14 +178,14 @@ def test_a_command_stops_the_search_that_runs() -> None:
     )
 
 
-def test_relocalize_near_a_place_or_in_a_region_searches_there_and_later_everywhere() -> None:
+def test_relocalize_near_a_place_or_on_a_floor_searches_there_and_later_everywhere() -> None:
     made, near, corners = bootstrapped({NORTH: 1.0}), (3.0, 4.0, 10.0), ((0.0, 0.0), (4.0, 5.0))
     searches = [made.relocalize(0, near=near), made.relocalize(1, corners=corners)]
     found = [
         [(job.near, job.corners) for job in outcome.begin.values() if isinstance(job, SearchJob)]
         for outcome in [*searches, made.relocalize(2)]
     ]
-    assert found == [[(near, ())] * 2, [(None, corners)] * 2, [(None, ())] * 2]
+    assert found == [[(near, None)] * 2, [(None, corners)] * 2, [(None, None)] * 2]
 
 
 @pytest.mark.parametrize("step", [1, 2])
