@@ -93,9 +93,6 @@ def advice_lines(answer: Advice) -> Iterator[str]:
         x_m, y_m, _ = (*way.poses, *way.rest)[-1]
         bearing = math.degrees(math.atan2(y_m, x_m))
         where = f"to {math.hypot(x_m, y_m):.1f} m at {bearing:.0f} deg" if way.length_m else "turn"
-        if way.explores:
-            yield f"  {number}. {where}, straight on, to ground that was not seen yet"
-            continue
         yield (
             f"  {number}. {where}, {way.length_m:.1f} m of way: {way.information:.2f} nat, "
             f"localized then with probability {way.sure_probability:.2f}"

@@ -6,8 +6,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from clustermcl.filter.advice.advice import Question, advised_ways
-from clustermcl.filter.advice.exploring import unseen_way
-from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M, Roads
+from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import residual
 from clustermcl.filter.laser.sensor_model import SensorModel
@@ -19,7 +18,7 @@ from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
 from clustermcl.protocol.steps import Landmark, Scan
 
 PROBABLY_ELSEWHERE = 0.5
-LOST = "the robot is probably at another place: drive where a search sees more"
+LOST = "the robot is probably at another place: wait for the search"
 
 
 def advice(
@@ -40,14 +39,11 @@ def advice(
         places=tuple(place.pose for place in asked.hypotheses),
     )
     count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
-    question = _question(asked, scan, model, landmarks)
-    roads = question.roads(model) if count and (is_lost or count > 1) else None
-    explored = _exploring(question, roads) if is_lost or not count else ()
     if count < 2:
         known = "only one place is possible: there is nothing to distinguish"
         note = LOST if is_lost else known if count else "no place is known yet: first, a search"
-        return replace(head, ways=explored, note=note)
-    ways, spots = advised_ways(question, model, settings, roads)
+        return replace(head, note=note)
+    ways, spots = advised_ways(_question(asked, scan, model, landmarks), model, settings)
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
@@ -58,8 +54,6 @@ def advice(
             information=way.information,
             sure_probability=min(way.sure_probability, 1.0),
             landmarks=tuple(sorted(way.landmarks)),
-            sight_bearing_rad=way.sight_bearing_rad,
-            sight_ranges_m=way.sight_ranges_m,
         )
         for way in ways
     )
@@ -70,25 +64,7 @@ def advice(
         note = f"no ground is free at all {count} places"
     elif not made:
         note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
-    return replace(head, ways=explored + made, note=note, spots=tuple(map(pose_tuple, spots)))
-
-
-def _exploring(question: Question, roads: Roads | None) -> tuple[Way, ...]:
-    poses = unseen_way(question.laser, question.seen, question.radius_m, roads)
-    if not len(poses):
-        return ()
-    way = Way(
-        poses=tuple(map(pose_tuple, poses)),
-        length_m=float(np.hypot(*poses[-1, :2])),
-        turn_rad=abs(float(poses[-1, 2])),
-        gains=(0.0,) * len(question.places),
-        information=0.0,
-        sure_probability=0.0,
-        explores=True,
-        sight_bearing_rad=0.0,
-        sight_ranges_m=(),
-    )
-    return (way,)
+    return replace(head, ways=made, note=note, spots=tuple(map(pose_tuple, spots)))
 
 
 def _question(

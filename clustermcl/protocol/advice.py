@@ -96,15 +96,8 @@ class Way(Part, frozen=True, kw_only=True):
     """Mean of these, weighted by the probability that the place is right."""
     sure_probability: Probability
     """Probability that the robot is localized after the way."""
-    explores: bool = False
-    """Whether it leads to ground that was not seen yet, where a search sees more. It has no
-    information about the places."""
     landmarks: tuple[str, ...] = ()
     """Landmarks that are in sight on the way at some places."""
-    sight_bearing_rad: Finite
-    """Direction, from the end of the way, in which the places differ most."""
-    sight_ranges_m: tuple[NotNegative, ...]
-    """Predicted range of that beam at each of `Advice.clusters`."""
 
 
 class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):

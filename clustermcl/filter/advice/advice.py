@@ -26,7 +26,7 @@ from clustermcl.filter.laser.evidence_model import evidence_weight, scan_exponen
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
 from clustermcl.filter.observations.kind import NO_LANDMARKS, Landmarks
-from clustermcl.filter.poses import compose, heading_distance, wrap_angle
+from clustermcl.filter.poses import compose, heading_distance
 from clustermcl.filter.settings import FilterSettings
 
 MAX_WAYS = 5
@@ -80,11 +80,6 @@ class Way:
     """Probability that one place has the probability that `localized` needs, after the way."""
     landmarks: frozenset[str]
     """Names of landmarks that are in sight on the way at some places."""
-    sight_bearing_rad: float
-    """Direction, in the robot's frame at the end of the way, of the beam whose range differs most
-    between places [rad]."""
-    sight_ranges_m: tuple[float, ...]
-    """Predicted range of that beam at each place [m]."""
 
     @property
     def end(self) -> Points:
@@ -122,13 +117,9 @@ class Question:
     landmarks: Landmarks = NO_LANDMARKS
     """Those of the map."""
 
-    def roads(self, model: SensorModel) -> Roads:
-        """Find the ways on ground that is free at all places."""
-        return roads_of(self.places, self.covariances, self.radius_m, model.grid)
-
 
 def advised_ways(
-    question: Question, model: SensorModel, settings: FilterSettings, roads: Roads | None = None
+    question: Question, model: SensorModel, settings: FilterSettings
 ) -> tuple[list[Way], NDArray[np.float64]]:
     """Find the ways with the most information for their length.
 
@@ -136,14 +127,13 @@ def advised_ways(
         question: the places and the robot.
         model: sensor model of the map.
         settings: rules of evidence.
-        roads: those of the places, if they are known.
 
     Returns:
         At most `MAX_WAYS`, the best for its length first; none if no way within reach has
         `LEAST_INFORMATION`. And (S, 3) the view points: x, y in the robot's frame [m], and the
         expected information of a new view there [nat], the most of all looked at headings.
     """
-    roads = roads or question.roads(model)
+    roads = roads_of(question.places, question.covariances, question.radius_m, model.grid)
     shares, looked = _shares(question, model, settings)
     views = _views(question, model, settings, roads)
     for seen in views.seen.values():
@@ -192,12 +182,10 @@ View = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """The evidence and the ranges that are expected at a view."""
+    """The evidence that is expected at a view."""
 
     evidence: NDArray[np.float64]
     """(K, K) expected evidence of one new view for the place of the row, against the column's."""
-    ranges: NDArray[np.float64]
-    """(K, B) predicted ranges [m]."""
     sights: NDArray[np.float64]
     """(K, K) expected evidence of landmarks in sight; each counts once."""
     landmarks: frozenset[str]
@@ -212,8 +200,6 @@ class _Views:
     seen: dict[View, _Seen]
     spots: NDArray[np.float64]
     """(S, 2) x, y of each spot in the robot's frame [m]."""
-    angles: NDArray[np.float64]
-    """(B,) directions of the predicted beams in the robot's frame [rad]."""
 
     def pose_of(self, view: View) -> Pose:
         """Return the (3,) pose of a view in the robot's frame."""
@@ -224,8 +210,7 @@ def _views(
     question: Question, model: SensorModel, settings: FilterSettings, roads: Roads
 ) -> _Views:
     thin = _thinned(question.laser, settings.sensor.max_beams)
-    angles = thin.angles
-    all_round = np.ptp(angles) + thin.angle_step > _ALL_ROUND_RAD
+    all_round = np.ptp(thin.angles) + thin.angle_step > _ALL_ROUND_RAD
     targets: Sequence[int] = roads.spots.tolist()
     if len(question.places) > _MANY:
         targets = targets[:: -(-len(targets) // _MAX_SPOTS_OF_MANY)]
@@ -236,7 +221,7 @@ def _views(
     turned[:, 2] = np.arange(_OCTANTS + 1) * math.tau / _OCTANTS
     headings = {(origin, 0 if all_round else turn): 0.0 for turn in range(_OCTANTS)}
     ways.append((turned, len(turned), dict.fromkeys(headings, (0.0, math.tau / len(headings)))))
-    views = _Views(ways, {}, roads.nodes[roads.spots], angles + thin.robot_from_laser[2])
+    views = _Views(ways, {}, roads.nodes[roads.spots])
     for view in dict.fromkeys(view for *_, driven in ways for view in driven):
         views.seen[view] = _seen(views.pose_of(view), question, thin, model)
     return views
@@ -298,7 +283,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
             continue  # nothing is in range, so nothing is weighed
         fits = model.log_likelihood(poses, beams).reshape(count, len(offsets)).max(axis=1)
         evidence[k] = scan_exponent(beams.count, model.settings) * np.maximum(fits[k] - fits, 0.0)
-    return _Seen(evidence, ranges, *landmark_evidence(at, around, question.landmarks, model))
+    return _Seen(evidence, *landmark_evidence(at, around, question.landmarks, model))
 
 
 def _ways(
@@ -321,11 +306,9 @@ def _ways(
         gains, sure = expected_gains(question.probabilities, total, rules.localized_probability)
         information = max(float(shares @ gains), 0.0)
         sure_share = float(question.probabilities.sum() * shares @ sure)
-        last = max(driven, key=lambda view: float(informs[view].sum()))
         parts = poses[:sure_poses], poses[sure_poses:]
         marks = frozenset[str]().union(*(views.seen[view].landmarks for view in driven))
-        sight = _sight(views, last, question.probabilities / question.probabilities.sum())
-        ways.append(Way(*parts, length, turn, gains, information, sure_share, marks, *sight))
+        ways.append(Way(*parts, length, turn, gains, information, sure_share, marks))
     return ways
 
 
@@ -375,16 +358,6 @@ def expected_gains(
     margin = own - np.logaddexp.reduce(rest, axis=1) - math.log(sure / (1.0 - sure))
     spread = np.sqrt(2.0 * evidence[np.arange(len(rival)), rival] + 1e-9)
     return own - log_sum - log_prior, np.asarray(ndtr(margin / spread))
-
-
-def _sight(
-    views: _Views, view: View, shares: NDArray[np.float64]
-) -> tuple[float, tuple[float, ...]]:
-    """Return the beam with the largest spread of ranges over the places: bearing and ranges."""
-    ranges = views.seen[view].ranges
-    variance = shares @ (ranges - shares @ ranges) ** 2
-    beam = int(variance.argmax())
-    return wrap_angle(float(views.angles[beam])), tuple(ranges[:, beam].tolist())
 
 
 def _best(ways: list[Way], question: Question, shares: NDArray[np.float64]) -> list[Way]:

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from clustermcl.filter.arrays import FREE, Points, Pose, Poses
+from clustermcl.filter.arrays import FREE, Pose, Poses
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.poses import compose
 
@@ -56,15 +56,6 @@ class Roads:
         while way[-1] != self.origin:
             way.append(int(self.before[way[-1]]))
         return np.array(way[::-1])
-
-    def are_sure(self, points: Points) -> NDArray[np.bool_]:
-        """Return (...,) which of (..., 2) points are reached and can be driven to now."""
-        size = (len(self.sure) + 1) // 2
-        at = np.round(points / (2.0 * _LATTICE_M)).astype(np.int64) + size // 2
-        inside = ((at >= 0) & (at < size)).all(axis=-1)
-        col, row = np.moveaxis(np.clip(at, 0, size - 1), -1, 0)
-        reached = self.spot_of[row * size + col] >= 0
-        return np.asarray(inside & reached & self.sure[2 * row, 2 * col])
 
     def count_sure(self, way: NDArray[np.int64]) -> int:
         """Return how many nodes of a way can be driven to without a new question."""

