@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from clustermcl.recordings.maps.grid_map import GridMap as GridMap
     from clustermcl.recordings.maps.landmarks import load_landmarks as load_landmarks
     from clustermcl.recordings.maps.map_file import load_map_with_obstacles
-    from clustermcl.runtime.extensions import register as register
     from clustermcl.runtime.output_files import OutputError as OutputError
     from clustermcl.simulated_robot import SimulatedRobot as SimulatedRobot
 
@@ -41,7 +40,6 @@ _NAMES = {
     "clustermcl.simulated_robot": ("SimulatedRobot",),
     "clustermcl.recordings.maps.grid_map": ("GridMap",),
     "clustermcl.recordings.maps.landmarks": ("load_landmarks",),
-    "clustermcl.runtime.extensions": ("register",),
     "clustermcl.runtime.output_files": ("OutputError",),
     "clustermcl.protocol.answers": ("Hypothesis",),
     "clustermcl.protocol.errors": (

@@ -4,17 +4,11 @@ Every work order contains them, so all workers of a robot use the same. The defa
 for all buildings and recordings. `clustermcl settings` prints the text below each setting.
 """
 
-from collections import ChainMap
 from functools import lru_cache
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
+from typing import Annotated, Literal, TypeAlias, TypeVar
 
 import msgspec
 from msgspec import Meta
-
-OWN_MODEL = "likelihood_field"
-"""Name of the sensor model."""
-MotionModelName: TypeAlias = Literal["omnidirectional", "differential"]
-
 
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
@@ -23,21 +17,10 @@ NotNegativeInt: TypeAlias = Annotated[int, Meta(ge=0)]
 PositiveInt: TypeAlias = Annotated[int, Meta(gt=0)]
 
 
-user_models = ChainMap[tuple[str, str], Any]()
-"""Models of users by kind and name; `runtime.extensions`, which loads their code, adds a map."""
-
-
-def _check_model(kind: str, name: str, own: tuple[str, ...]) -> None:
-    if name not in own and (kind, name) not in user_models:
-        raise ValueError(f"no {kind} {name!r} is installed")
-
-
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Noise of odometry (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
 
-    model: Annotated[
-        str, Meta(extra={"form": '"omnidirectional", "differential" or an installed one'})
-    ] = "omnidirectional"
+    model: Literal["omnidirectional", "differential"] = "omnidirectional"
     """Motion model."""
     turn_noise_per_turn: NotNegative = 0.2
     """Noise of a turn caused by turning (root of nav2's alpha1) [rad/rad]."""
@@ -50,17 +33,10 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     strafe_noise_per_metre: NotNegative = 0.1
     """Noise across the drive, omnidirectional only (root of nav2's alpha5) [m/m]."""
 
-    def __post_init__(self) -> None:
-        _check_model("motion_model", self.model, get_args(MotionModelName))
-
 
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Settings of the sensor model."""
 
-    model: Annotated[str, Meta(extra={"form": '"likelihood_field" or an installed one'})] = (
-        OWN_MODEL
-    )
-    """Sensor model."""
     scan_likelihood_exponent: Positive = 0.1
     """Multiplies the log-likelihood of a scan of max_beams; their errors correlate."""
     max_beams: Annotated[int, Meta(gt=0, le=65_536)] = 60
@@ -85,9 +61,6 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Score of occluded beams that is tolerated [nat/beam]."""
     not_free_log_penalty: Annotated[float, Meta(le=0)] = -1.0
     """Log-weight of a particle on occupied or unknown ground, at each step."""
-
-    def __post_init__(self) -> None:
-        _check_model("sensor_model", self.model, (OWN_MODEL,))
 
 
 class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 
 from clustermcl.filter.kernels.folders import why_untrusted
-from clustermcl.filter.laser.sensor_model import MapArrays, SensorModel, model_class
-from clustermcl.filter.settings import OWN_MODEL, SensorSettings
+from clustermcl.filter.laser.sensor_model import MapArrays, SensorModel
+from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.conversion import decoded
 from clustermcl.recordings.maps.grid_map import GridMap
 
@@ -38,12 +38,12 @@ def sensor_model(
 
     Its arrays are computed once, written to the cache folder, and mapped from there, so that the
     processes of a machine share one copy. A folder that cannot be used costs a warning and a copy
-    for each process. Arrays of an installed model are not kept, because its code may change.
+    for each process.
 
     Raises:
         ValueError: the map has no obstacle.
     """
-    if cache_folder is not None and settings.model == OWN_MODEL:
+    if cache_folder is not None:
         entry = cache_folder / _name(grid_map, settings)
         try:
             return _model(_cached(entry, grid_map, settings), grid_map, settings)
@@ -73,8 +73,7 @@ def _cached(entry: Path, grid_map: GridMap, settings: SensorSettings) -> MapArra
 
 
 def _computed(grid_map: GridMap, settings: SensorSettings) -> MapArrays:
-    grid = grid_map.grid
-    return {_CELLS: grid.cells, **model_class(settings.model).arrays_of(grid, settings)}
+    return {_CELLS: grid_map.grid.cells, **SensorModel.arrays_of(grid_map.grid, settings)}
 
 
 def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
@@ -83,7 +82,7 @@ def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> Se
         if cells.shape != grid_map.cells.shape:
             raise ValueError(f"cells are {cells.shape}, expected {grid_map.cells.shape}")
         grid = replace(grid_map.grid, cells=cells)
-        return model_class(settings.model).from_arrays(grid, arrays, settings)
+        return SensorModel.from_arrays(grid, arrays, settings)
     except (KeyError, ValueError) as error:
         raise OSError(f"not the arrays of this map: {error}") from error
 

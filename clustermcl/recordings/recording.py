@@ -1,9 +1,8 @@
 """Reads recordings of all formats as readings in the order of time."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from msgspec.structs import replace
@@ -11,13 +10,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from clustermcl.protocol.errors import RecordingError
-from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, Reading
 from clustermcl.recordings.bag_file import is_bag
 from clustermcl.recordings.carmen_log import carmen_entries
 from clustermcl.recordings.log_file import Entry, SkippedLine
 from clustermcl.recordings.run_log import is_run_log, playback
-from clustermcl.runtime.extensions import extensions, names
 from clustermcl.runtime.settings import BridgeSettings
 
 SHORTEST_MARKER_M = 8.0
@@ -31,9 +28,6 @@ _MIN_MODE = 0.5
 _MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
 """Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
-
-_BETWEEN_READINGS_NS = 1_000_000_000
-"""Time between readings without stamps, as in `ClusterMCL` [ns]."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +57,8 @@ class Recording:
         return sum(isinstance(reading, LaserReading) for reading in self.readings)
 
 
-class OwnReading(Protocol):
-    """A reading from a user's reader; `clustermcl.Reading` is one."""
-
-    def as_message(self, stamp_ns: int, robot_from_laser: PoseTuple) -> Reading:
-        """Convert to a message; the arguments are used where the reading lacks a value."""
-
-
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
-    """Read a run log, a ROS bag, a CARMEN log, or a format of an installed reader.
+    """Read a run log, a ROS bag, or a CARMEN log.
 
     The format is recognised by the content. The settings have the laser's mount, for a recording
     without it, and the topics and frames, for a bag with several.
@@ -83,13 +70,6 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     """
     path = Path(path)
     mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
-    for name in names("recording_reader"):
-        try:
-            own = extensions["recording_reader", name](path)
-            if own is not None:
-                return Recording(path, list(_with_stamps(own, mount)), ())
-        except (OSError, ValueError) as error:
-            raise RecordingError(path, f"reader {name!r}: {error}") from error
     if is_run_log(path):
         entries, skipped = playback(path)
     elif is_bag(path):
@@ -110,13 +90,6 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     ]
     skipped.sort(key=lambda line: line.line_number)
     return Recording(path, merged(limited), tuple(skipped))
-
-
-def _with_stamps(own: Iterable[OwnReading], mount: PoseTuple) -> Iterator[Reading]:
-    next_ns = 0
-    for each in own:
-        yield (reading := each.as_message(next_ns, mount))
-        next_ns = reading.stamp_ns + _BETWEEN_READINGS_NS
 
 
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:

@@ -95,7 +95,7 @@ def _one_of(known: dict[str, str], value: str) -> str:
 
 
 def _nav2_motion_model(model: str) -> str:
-    return next((plugin for plugin, ours in _MOTION_MODELS.items() if ours == model), model)
+    return next(plugin for plugin, ours in _MOTION_MODELS.items() if ours == model)
 
 
 def _root(variance: float) -> float:

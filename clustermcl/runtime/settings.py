@@ -5,7 +5,6 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
-import clustermcl.runtime.extensions  # noqa: F401 - which settings may name
 from clustermcl.filter.settings import (
     FilterSettings,
     NotNegative,

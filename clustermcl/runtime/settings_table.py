@@ -48,7 +48,7 @@ EVERYDAY = frozenset({
     "bridge.laser_x_m", "bridge.laser_y_m", "bridge.laser_heading_rad",
     "motion.model", "motion.turn_noise_per_turn", "motion.turn_noise_per_metre",
     "motion.drive_noise_per_metre", "motion.drive_noise_per_turn", "motion.strafe_noise_per_metre",
-    "sensor.model", "sensor.max_beams", "sensor.max_range_m", "sensor.hit_sigma_m",
+    "sensor.max_beams", "sensor.max_range_m", "sensor.hit_sigma_m",
     "cluster.particles", "belief.max_clusters", "belief.particles",
     "belief.localized_probability", "belief.set_pose_probability",
     "coordinator.standby", "coordinator.stale_after_s", "coordinator.state_folder",
@@ -123,7 +123,6 @@ def _info(
         section=section,
         kind=kind,
         expected=" or ".join(map(_toml, choices))
-        or (meta.extra and meta.extra["form"])
         or (meta.pattern and name_rule())
         or f"{_KINDS[kind]} {' and '.join(bounds)}".rstrip(),
         default=field.default,

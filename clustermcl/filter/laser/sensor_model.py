@@ -18,7 +18,7 @@ from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, occluded_score
 from clustermcl.filter.laser.pyramid import Pyramid
 from clustermcl.filter.laser.ray_casting import JumpField, jump_field
 from clustermcl.filter.resampling import systematic
-from clustermcl.filter.settings import OWN_MODEL, SensorSettings, user_models
+from clustermcl.filter.settings import SensorSettings
 
 MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
 """Arrays that a model computes once from a map, by name; read-only, perhaps mapped from disk."""
@@ -193,23 +193,13 @@ class SensorModel:
         return np.asarray(np.sum(occluded, axis=0))
 
 
-def model_class(name: str) -> type[SensorModel]:
-    """Return the class with this name in the setting `sensor.model`.
-
-    Raises:
-        ValueError: no model has this name, or its code cannot be imported.
-    """
-    return SensorModel if name == OWN_MODEL else user_models["sensor_model", name]
-
-
 def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:
     """Compute the model of a map.
 
     Raises:
-        ValueError: the map has no obstacle, or no model has the name in the settings.
+        ValueError: the map has no obstacle.
     """
-    kind = model_class(settings.model)
-    return kind.from_arrays(grid, kind.arrays_of(grid, settings), settings)
+    return SensorModel.from_arrays(grid, SensorModel.arrays_of(grid, settings), settings)
 
 
 def usable_beams(

@@ -9,7 +9,7 @@ from clustermcl.filter.arrays import Pose, Poses
 from clustermcl.filter.kernels.compiled import kernel, plain
 from clustermcl.filter.kernels.elementary_functions import cos_sin, logarithms
 from clustermcl.filter.motion.noise import along_across_turn, turn_drive_turn
-from clustermcl.filter.settings import MotionSettings, user_models
+from clustermcl.filter.settings import MotionSettings
 
 
 def move(
@@ -32,16 +32,10 @@ def move(
         (omnidirectional). nav2's alphas are variances: our noise is the root of an alpha.
     """
     poses = plain(map_from_robot)
-    match settings.model:
-        case "differential":
-            return _turn_drive_turn(poses, turn_drive_turn(before_from_after, settings), noise)
-        case "omnidirectional":
-            along = along_across_turn(before_from_after, settings)
-            return _drive_along_bearing(poses, along, noise)
-        case name:
-            model = user_models["motion_model", name]
-            moved: Poses = model(poses, before_from_after, settings, noise)
-            return moved
+    if settings.model == "differential":
+        return _turn_drive_turn(poses, turn_drive_turn(before_from_after, settings), noise)
+    along = along_across_turn(before_from_after, settings)
+    return _drive_along_bearing(poses, along, noise)
 
 
 # Bearings in single precision: a drive of a metre errs by 0.2 um at most.

@@ -18,7 +18,6 @@ from clustermcl.filter.laser.sensor_model import (
     SensorModel,
     computed_model,
     ground_log_penalty,
-    model_class,
     usable_beams,
 )
 from clustermcl.filter.poses import between, compose
@@ -65,13 +64,6 @@ def test_a_scan_of_few_beams_counts_as_six_independent_beams_or_as_many_as_it_ha
 @pytest.mark.parametrize("beams", [0, 1, 4, 60])
 def test_an_exponent_of_one_counts_every_beam_of_a_scan(beams: int) -> None:
     assert scan_exponent(beams, SensorSettings(scan_likelihood_exponent=1.0)) == 1.0
-
-
-def test_an_unknown_model_name_is_refused() -> None:
-    with pytest.raises(ValueError, match="no sensor_model 'third' is installed"):
-        model_class("third")
-    with pytest.raises(ValueError, match="no sensor_model 'third' is installed"):
-        SensorSettings(model="third")
 
 
 def test_a_map_without_obstacles_is_refused() -> None:

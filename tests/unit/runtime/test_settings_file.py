@@ -30,8 +30,6 @@ def complaint(*assignments: str, path: Path | None = None) -> str:
 
 
 def values_of(info: SettingInfo) -> st.SearchStrategy[bool | int | float | str]:
-    if info.name in ("motion.model", "sensor.model"):
-        return st.sampled_from(info.expected.split('"')[1:4:2])
     key = info.name.rpartition(".")[2]
     (field,) = [each for each in msgspec.structs.fields(info.section) if each.name == key]
     is_bounded = get_origin(field.type) is Annotated

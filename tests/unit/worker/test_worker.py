@@ -340,10 +340,9 @@ def test_an_order_that_cannot_be_read_or_has_invalid_settings_supersedes_no_orde
     refused = tracking.refuse(3, error)
     assert causes(refused) == ["malformed WorkOrder: field"]
     assert answers(refused)[3].problem == str(error)
-    for sensor, problem in (({"no_such": 1}, "no_such"), ({"model": "x"}, "no sensor_model 'x'")):
-        refused = handled(tracking, asked(900, sensor=sensor))
-        assert causes(refused) == ["order refused"]
-        assert problem in answers(refused)[900].problem
+    refused = handled(tracking, asked(900, sensor={"no_such": 1}))
+    assert causes(refused) == ["order refused"]
+    assert "no_such" in answers(refused)[900].problem
     assert answers(handled(tracking, asked(2)))[2].order == 2
 
 
