@@ -118,7 +118,7 @@ def steps_of(case: Case, seed: int, settings: Settings) -> Iterator[tuple[Scan, 
     simulation = Simulation(world, seed)
     maker = StepMaker(settings.bridge, map_digest="", sender="benchmark")
     for tick in simulation:
-        simulation.robot.drive_by_hand(*case.drive(tick.laser.stamp_ns * 1e-9))
+        simulation.robot.drive_at(*case.drive(tick.laser.stamp_ns * 1e-9))
         for reading in tick.readings:
             scan = maker.on_reading(reading)
             if scan is not None:

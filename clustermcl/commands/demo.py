@@ -62,7 +62,6 @@ def demo(
     steps: Annotated[int | None, opt.option("Steps of a simulated robot.", min=1)] = None,
     seed: Annotated[int | None, opt.option("Seed of all random numbers.", min=0)] = None,
     view: Annotated[bool, opt.flag("--view", "Serve the live page, until Ctrl-C.")] = False,
-    drive: Annotated[bool, opt.flag("--drive", "With --view: drive by the arrow keys.")] = False,
     advised: Annotated[bool, opt.flag("--advised", "The robot drives advised ways.")] = False,
     listen: opt.Listen = None,
     record: Annotated[Path | None, opt.option("Record the run (MCAP).", "FILE.mcap")] = None,
@@ -72,7 +71,7 @@ def demo(
 
     All processes run on this machine, and end with the command.
     """
-    opt.refuse_without("--view", view, drive=drive, listen=listen)
+    opt.refuse_without("--view", view, listen=listen)
     if record is not None:
         check_output_file(record)
     page = parsed_address(listen or opt.HERE) if view else None
@@ -81,7 +80,7 @@ def demo(
     source = recording or _WORLD
     if map_file and not recording:  # has a "/", so it is no name of a world
         source = f"{SIMULATED}{Path(map_file).absolute()}"
-    usual_rate = 1.0 if drive else _VIEWED_RATE if view else 0.0
+    usual_rate = _VIEWED_RATE if view else 0.0
     for name, value in (
         ("worker.count", workers),
         ("seed", seed),
@@ -92,13 +91,12 @@ def demo(
     ):
         if value is not None:
             settings = with_setting(settings, name, value, "clustermcl demo")
-    title, settings = _checked(settings, map_file, drives=drive, advised=advised, steps=steps)
+    title, settings = _checked(settings, map_file, advised=advised, steps=steps)
     is_simulated = isinstance(parsed_source(source), Simulated)
     story = source.removeprefix(SIMULATED) if is_simulated else "recording"
-    by_hand = ["--by-hand"] if drive else []
-    robot = ["--steps", str(steps or (_VIEWED_STEPS if view else _STEPS)), *by_hand]
+    robot = ["--steps", str(steps or (_VIEWED_STEPS if view else _STEPS))]
     robot += [*(["--advised"] if advised else []), *(["--map", map_file] if map_file else [])]
-    viewed = ["--listen", page.netloc, "--story", story, *by_hand] if page else None
+    viewed = ["--listen", page.netloc, "--story", story] if page else None
     stop, started_s = stop_on_signals(exit_after_s=5.0), time.monotonic()
     with temporary_folder() as folder:
         settings = meeting_in(folder, settings)
@@ -115,7 +113,6 @@ def demo(
             DemoOutput(title, as_json=as_json),
             has_truth=is_simulated,
             ends_early=is_simulated and steps is None and not view,
-            may_be_silent=drive,
         )
         with closing(stack):
             try:
@@ -131,14 +128,12 @@ def demo(
 
 
 def _checked(
-    settings: Settings, map_file: str | None, *, drives: bool, advised: bool, steps: int | None
+    settings: Settings, map_file: str | None, *, advised: bool, steps: int | None
 ) -> tuple[str, Settings]:
     """Refuse what cannot be played; return the title, and the settings with the robot's radius."""
     bridge = settings.bridge
     match parsed_source(bridge.source):
         case Simulated() as simulated:
-            if drives and advised:
-                raise SettingsError("--advised: the robot drives by itself, so leave out --drive")
             FreeSpace(simulated_world(simulated).truth)  # raises if the robot fits nowhere
             if map_file:
                 load_map_with_obstacles(map_file)
@@ -148,7 +143,6 @@ def _checked(
         case Recorded(path):
             wrong = {
                 "--advised: only a simulated robot can follow advice, not a recording": advised,
-                "--drive: only a simulated robot can be driven, not a recording": drives,
                 "--steps: only for a simulated robot; a recording is played to its end": steps,
                 "--map is missing: a recording needs the map it was made in": not bridge.map,
             }
@@ -174,7 +168,6 @@ class _Audience:
     has_truth: bool
     ends_early: bool
     """The demo ends once the robot is localized."""
-    may_be_silent: bool
     summary: DemoSummary = field(default_factory=DemoSummary)
     _alive: set[str] = field(default_factory=set)
     _truths: dict[int, TruePose] = field(default_factory=dict)
@@ -218,7 +211,7 @@ class _Audience:
                 if belief.last or (is_found and self.ends_early):
                     self._wait_for_truth(belief)
                     return
-            elif time.monotonic() - received_s > _SILENCE_S and not self.may_be_silent:
+            elif time.monotonic() - received_s > _SILENCE_S:
                 problem = f"no belief has arrived for {_SILENCE_S:.0f} s"
                 raise UnreachableError(peer="coordinator", problem=problem, waited_s=_SILENCE_S)
 

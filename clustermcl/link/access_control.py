@@ -89,7 +89,7 @@ _ROLES = {
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH, keys.CHANGES),
         reads=(*_READINGS, keys.BELIEF),
         serves=(
-            *(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
+            *(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.UPDATE, keys.CONFIGURE),
             keys.CHANGES,
         ),
         asks=(keys.STATUS, keys.MAP_READING),
@@ -132,7 +132,7 @@ _ROLES = {
         reads=_VIEWER.reads,
         asks=(
             *(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.CONFIGURE),
-            *(keys.KIDNAP, keys.DRIVE),
+            keys.KIDNAP,
         ),
     ),
 }

@@ -17,7 +17,6 @@ from clustermcl.protocol.message import (
     LIST_BYTES,
     Circle,
     Covariance,
-    Finite,
     Id,
     Message,
     Part,
@@ -326,21 +325,6 @@ class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """As in `SetPose`."""
     pose: PoseTuple | None = None
     """Its new pose; None: a random one far away."""
-
-
-class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
-    """Drive the simulated robot by hand. A query on ``simulator/drive``.
-
-    Repeat it several times a second: the robot stops one second of its time after the last one.
-    """
-
-    key: ClassVar[str] = keys.DRIVE
-    speed_m_s: Finite = 0.0
-    """Forward; limited to the robot's top speed, and by obstacles."""
-    turn_rate_rad_s: Finite = 0.0
-    """Counter-clockwise."""
-    by_hand: bool = True
-    """False: the robot drives by itself again."""
 
 
 class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):

@@ -30,7 +30,6 @@ BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
 UPDATE = "command/update"
 CONFIGURE = "command/configure"
-DRIVE = "simulator/drive"
 CHANGES = "changes"
 
 BELIEF = "belief"

@@ -53,7 +53,7 @@ class Lift:
         return min(ends, key=lambda end: math.dist(end, robot.map_from_robot[:2]), default=None)
 
     def _ride(self, robot: Robot, middle: tuple[float, float], seconds: float) -> None:
-        robot.drive_by_hand(0.0, math.pi / RIDE_S)
+        robot.drive_at(0.0, math.pi / RIDE_S)
         before_s, self._left_s = self._left_s, self._left_s - seconds
         if self._left_s < RIDE_S / 2 <= before_s:
             ends = self._floors.rides(robot.map_from_robot)

@@ -12,7 +12,7 @@ from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Received
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import LEAST_PROBABILITY, Advice
-from clustermcl.protocol.answers import Belief, CommandDone, Drive, Kidnap
+from clustermcl.protocol.answers import Belief, CommandDone, Kidnap
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.message import PoseTuple
@@ -47,7 +47,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--map", metavar="FILE", help="map to localize in (default: the world's own)")
     add("--steps", type=int, metavar="N", help="stop after N steps")
-    add("--by-hand", action="store_true", help="stand still until a client drives the robot")
     add("--advised", action="store_true", help="drive advised ways while places are ambiguous")
 
 
@@ -60,9 +59,6 @@ def run_simulator(invocation: Invocation) -> None:
     world = simulated_world(robot)
     simulation = Simulation(world, settings.seed)
     trim_heap()  # of what its roads and distances were computed from
-    if arguments.by_hand:
-        simulation.robot.drive_by_hand(0.0, 0.0)
-
     made, here = 0, simulation.map_from_robot
 
     def readings() -> Iterator[Reading | Observation]:
@@ -73,9 +69,19 @@ def run_simulator(invocation: Invocation) -> None:
             yield from tick.messages
 
     def extend(node: Node) -> OnStep:
-        truth, operator = node.publisher(keys.TRUTH), _Operator(simulation, node.name)
-        node.serve(keys.KIDNAP, operator.kidnap)
-        node.serve(keys.DRIVE, operator.drive)
+        truth, last_id = node.publisher(keys.TRUTH), ""
+
+        def kidnap(asked: Asked) -> None:
+            """Carry out a command; a repeated one has no effect."""
+            nonlocal last_id
+            command = decode(asked.payload, Kidnap)
+            if command.command_id != last_id:
+                last_id = command.command_id
+                x, y, heading = simulation.kidnap(command.pose)
+                _log.info("the robot was kidnapped to (%.2f, %.2f) m, %.2f rad", x, y, heading)
+            asked.answer(CommandDone(sender=node.name))
+
+        node.serve(keys.KIDNAP, kidnap)
         follower = Follower(simulation, node) if arguments.advised else None
 
         def on_step(scan: Scan) -> None:
@@ -97,7 +103,7 @@ def run_simulator(invocation: Invocation) -> None:
 
 def run_with_defaults(invocation: Invocation) -> None:
     """Simulate until the process is stopped, as the program does without arguments of its own."""
-    arguments = argparse.Namespace(map=None, steps=None, by_hand=False, advised=False)
+    arguments = argparse.Namespace(map=None, steps=None, advised=False)
     run_simulator(replace(invocation, arguments=arguments))
 
 
@@ -122,7 +128,7 @@ class Follower:
         drives_on = self._simulation.robot.follows and (is_soon or places == self._places)
         if belief.state == "ambiguous" and not (self._asks or drives_on):
             self._asks, self._places = True, places
-            self._simulation.robot.drive_by_hand(0.0, 0.0)
+            self._simulation.robot.drive_at(0.0, 0.0)
             self._node.ask(
                 keys.ADVICE, Advice, self._on_advice, self._on_failure, timeout_s=_ADVICE_TIMEOUT_S
             )
@@ -140,27 +146,3 @@ class Follower:
         _log.warning("no advice: %s", problem or "no answer")
         self._asks = False
         self._simulation.robot.wander()
-
-
-class _Operator:
-    """Carries out the commands to kidnap and to drive; a repeated kidnapping has no effect."""
-
-    def __init__(self, simulation: Simulation, sender: str) -> None:
-        self._simulation, self._sender = simulation, sender
-        self._last_id = ""
-
-    def kidnap(self, asked: Asked) -> None:
-        command = decode(asked.payload, Kidnap)
-        if command.command_id != self._last_id:
-            self._last_id = command.command_id
-            x, y, heading = self._simulation.kidnap(command.pose)
-            _log.info("the robot was kidnapped to (%.2f, %.2f) m, %.2f rad", x, y, heading)
-        asked.answer(CommandDone(sender=self._sender))
-
-    def drive(self, asked: Asked) -> None:
-        command = decode(asked.payload, Drive)
-        if command.by_hand:
-            self._simulation.robot.drive_by_hand(command.speed_m_s, command.turn_rate_rad_s)
-        else:
-            self._simulation.robot.wander()
-        asked.answer(CommandDone(sender=self._sender))

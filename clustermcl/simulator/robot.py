@@ -22,8 +22,8 @@ _NO_DRIVE_ERROR_RAD = 0.8
 _BLOCKED_S = 1.0
 """Time after which a blocked robot chooses another goal [s]."""
 _FARTHEST_GOAL_M = 60.0
-_HAND_S = 1.0
-"""Time for which a manual command is valid [s]."""
+_COMMAND_S = 1.0
+"""Time for which commanded rates are valid [s]."""
 
 
 class Drive(NamedTuple):
@@ -59,26 +59,27 @@ class Robot:
         self._next = 0
         self.follows = False
         """Whether the robot is on the way that `follow` gave it, or turns round."""
-        self._hand: tuple[float, float] | None = None
-        self._hand_left_s = 0.0
+        self._rates: tuple[float, float] | None = None
+        """Commanded speed and turn rate; None: the robot drives along the path."""
+        self._rates_left_s = 0.0
 
-    def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+    def drive_at(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Drive at these rates for one second, then stand until the next command or `wander`."""
-        self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
+        self._rates, self._rates_left_s = (speed_m_s, turn_rate_rad_s), _COMMAND_S
         self.follows = False
 
     def wander(self) -> None:
-        """End manual driving, if it has begun, and drive to random goals."""
-        if self._hand is not None:
-            self._hand, self._path, self._next, self.follows = None, [], 0, False
+        """End driving at given rates, if it has begun, and drive to random goals."""
+        if self._rates is not None:
+            self._rates, self._path, self._next, self.follows = None, [], 0, False
 
     def turn_round(self) -> None:
-        self._hand, self._hand_left_s = (0.0, _TOP_TURN_RATE_RAD_S), tau / _TOP_TURN_RATE_RAD_S
+        self._rates, self._rates_left_s = (0.0, _TOP_TURN_RATE_RAD_S), tau / _TOP_TURN_RATE_RAD_S
         self.follows = True
 
     def follow(self, points: Points) -> None:
         """Drive along (n, 2) points of the map [m], then to random goals."""
-        self._hand, self._blocked_s = None, 0.0
+        self._rates, self._blocked_s = None, 0.0
         self._path, self._next, self.follows = points.tolist(), 0, True
 
     def put(self, map_from_robot: PoseTuple) -> None:
@@ -102,24 +103,24 @@ class Robot:
         return drive
 
     def _steer(self, seconds: float) -> None:
-        if self.follows and self._hand_left_s <= 0.0:
+        if self.follows and self._rates_left_s <= 0.0:
             self.wander()
-        if self._hand is None:
+        if self._rates is None:
             wanted_speed, wanted_turn = self._rates_along_path()
         else:
-            wanted_speed, wanted_turn = self._rates_by_hand(self._hand, seconds)
+            wanted_speed, wanted_turn = self._commanded(self._rates, seconds)
         self._turn_rate_rad_s = _towards(self._turn_rate_rad_s, wanted_turn, 4.0 * seconds)
         slow_down = abs(wanted_speed) < abs(self._speed_m_s)
         most = (1.5 if slow_down else 0.6) * seconds
         self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
 
-    def _rates_by_hand(self, hand: tuple[float, float], seconds: float) -> tuple[float, float]:
+    def _commanded(self, rates: tuple[float, float], seconds: float) -> tuple[float, float]:
         """Return the commanded rates within the robot's limits; zero after the command expired."""
-        if self._hand_left_s <= 0.0:
+        if self._rates_left_s <= 0.0:
             return 0.0, 0.0
-        self._hand_left_s -= seconds
+        self._rates_left_s -= seconds
         limits = _TOP_SPEED_M_S, _TOP_TURN_RATE_RAD_S
-        speed, turn = (min(max(rate, -most), most) for rate, most in zip(hand, limits, strict=True))
+        speed, turn = (min(max(one, -most), most) for one, most in zip(rates, limits, strict=True))
         return speed, turn
 
     def _rates_along_path(self) -> tuple[float, float]:

@@ -11,7 +11,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add, listen = parser.add_argument, f"127.0.0.1:{DEFAULT_PORT}"
     add("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
     add("--allow-commands", action="store_true", help="allow commands from other machines too")
-    add("--by-hand", action="store_true", help="begin with driving by the arrow keys")
     add("--story", default="", metavar="WORLD", help="show the captions of this world")
 
 
@@ -21,7 +20,6 @@ def run_live_view(invocation: Invocation) -> None:
     address = parsed_address(arguments.listen)
     about = {
         "commands": arguments.allow_commands or address.is_loopback,
-        "by_hand": arguments.by_hand,
         "radius_m": settings.robot.radius_m,
         "story": arguments.story,
     }

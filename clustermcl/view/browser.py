@@ -24,8 +24,6 @@ class Browser:
         self._send = send
         self._waiting: dict[str, bytes] = {}
         self._undrawn, self._max_undrawn = 0, MESSAGES_AHEAD
-        self.drives = False
-        """Whether this page drives the simulated robot manually."""
 
     def offer(self, frames: Mapping[str, bytes]) -> None:
         self._waiting.update(frames)

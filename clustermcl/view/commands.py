@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias, get_args
 
 import msgspec
 
-from clustermcl.protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
+from clustermcl.protocol.answers import Kidnap, Relocalize, SetPose, Update
 from clustermcl.protocol.conversion import converted, decoded
 from clustermcl.protocol.errors import MalformedMessageError
 
@@ -41,7 +41,7 @@ class AskAdvice(_Request, frozen=True, tag="advise"):
     """Request for ways that distinguish the places."""
 
 
-Command: TypeAlias = SetPose | Relocalize | Update | Kidnap | Drive
+Command: TypeAlias = SetPose | Relocalize | Update | Kidnap
 _OWN: TypeAlias = Drawn | ShowPast | ShowEarlier | AskAdvice
 Request: TypeAlias = _OWN | Command
 

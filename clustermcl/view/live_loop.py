@@ -11,7 +11,7 @@ from clustermcl.link.node import Node
 from clustermcl.link.wire import Link, Received
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import Belief, CommandDone, Drive, PoseAnswer, Status
+from clustermcl.protocol.answers import Belief, CommandDone, PoseAnswer, Status
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import UnreachableError
@@ -197,8 +197,7 @@ class LiveLoop:
             send("done", {"problem": problem or "no answer: the system is not running"})
 
         def on_done(done: CommandDone) -> None:
-            if done.problem or not isinstance(request, Drive):
-                send("done", {"problem": done.problem})
+            send("done", {"problem": done.problem})
 
         def on_advice(advice: Advice) -> None:
             send("advice", msgspec.to_builtins(advice))

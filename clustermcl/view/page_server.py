@@ -18,7 +18,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
-from clustermcl.protocol.answers import Drive
 from clustermcl.protocol.errors import MalformedMessageError, SettingsError
 from clustermcl.protocol.message import MAX_ID_CHARACTERS
 from clustermcl.runtime.caller import caller
@@ -169,15 +168,11 @@ class PageServer:
             pass
         finally:
             self._browsers.discard(browser)
-            if browser.drives:  # so that the robot drives on by itself
-                self._on_event(FromBrowser(browser, Drive(sender=commands.SENDER, by_hand=False)))
 
     def _on_request(self, browser: Browser, request: commands.Request) -> None:
         if isinstance(request, commands.Drawn):
             browser.on_drawn(request)
         elif self._commands or isinstance(request, commands.ShowPast | commands.ShowEarlier):
-            if isinstance(request, Drive):
-                browser.drives = request.by_hand
             self._on_event(FromBrowser(browser, request))
         else:
             problem = "this page is read-only: start it with --allow-commands"

@@ -53,7 +53,6 @@ const TAKE = {
     travel.setEnd(frame.link);
     $("actions").hidden = !frame.commands;
     document.title = `${frame.robot} · Cluster-MCL`;
-    if (frame.by_hand) steering.driveAtFirst();
     showLink();
   },
   async map(frame) {

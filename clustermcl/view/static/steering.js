@@ -1,7 +1,6 @@
 // Pointer, wheel, keys and buttons: the visible section, and commands.
 import { changeAt } from "./changes.js";
 import { onFloor } from "./floors.js";
-import { Driving } from "./driving.js";
 import { hint } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
@@ -14,10 +13,8 @@ const PLACING = { // meanings of an arrow dragged on the map
 
 export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const canvas = view.canvas, pointers = new Map();
-  const driving = new Driving(send);
   let placing = null; // one of PLACING
   let pressedAt = [0, 0];
-  let drivesAtFirst = null; // whether driving has yet to be switched on; null: it was not requested
 
   const setPlacing = (what) => {
     placing = mayCommand() ? what : null;
@@ -36,10 +33,6 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     } else {
       setPlacing("kidnap");
     }
-  };
-  const drive = (on) => {
-    driving.set(on && mayCommand() && isSimulated());
-    if (driving.isOn) travel.toNow();
   };
   const update = () => {
     if (!mayCommand()) return;
@@ -130,9 +123,8 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     u: update,
     r: askToRelocalize,
     k: kidnap,
-    d: () => drive(!driving.isOn),
     "?": () => $("keys").showModal(),
-    Escape: () => (placing ? setPlacing(null) : view.selected !== null ? view.select(null) : drive(false)),
+    Escape: () => (placing ? setPlacing(null) : view.select(null)),
     " ": () => travel.play(!travel.timer),
     ",": () => travel.next(-1),
     ".": () => travel.next(1),
@@ -141,18 +133,12 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
     if (event.key === " " && event.target.closest("button, summary")) return; // presses it
-    if (driving.onKey(event.key, true)) {
-      event.preventDefault();
-      return;
-    }
     if (event.target === $("slider") && event.key.startsWith("Arrow")) return;
     const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!act) return;
     event.preventDefault();
     act();
   });
-  document.addEventListener("keyup", (event) => driving.onKey(event.key, false));
-  addEventListener("blur", () => driving.letGo());
 
   $("zoom-in").onclick = keys["+"];
   $("zoom-out").onclick = keys["-"];
@@ -166,7 +152,6 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   $("advise").onclick = () => mayCommand() && send({ type: "advise" });
   $("relocalize").onclick = askToRelocalize;
   $("kidnap").onclick = kidnap;
-  $("drive").onclick = keys.d;
   $("confirm-no").onclick = () => $("confirm").close();
   $("confirm-yes").onclick = () => {
     $("confirm").close();
@@ -174,30 +159,18 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   };
   view.onChange = () => $("follow").setAttribute("aria-pressed", String(view.follow));
   return {
-    /** Switch driving on, once there is a simulated robot. */
-    driveAtFirst() {
-      drivesAtFirst ??= true;
-    },
     /** Disable the commands while no system is running. */
     onLink() {
       for (const button of $("actions").children) button.disabled = !mayCommand();
       $("actions").tabIndex = mayCommand() ? -1 : 0; // a narrow one scrolls, also with disabled buttons
-      if (mayCommand()) return;
-      if (placing) setPlacing(null);
-      if (!driving.isOn) return;
-      drive(false);
-      hint("Driving has ended: the robot drives by itself again.", true);
+      if (!mayCommand() && placing) setPlacing(null);
     },
     /** Another step is shown: what was said of the last one is over. */
     onTravel() {
       setPlacing(null);
     },
     onStatus() {
-      $("kidnap").hidden = $("drive").hidden = !isSimulated();
-      if (drivesAtFirst && isSimulated()) {
-        drivesAtFirst = false;
-        drive(true);
-      }
+      $("kidnap").hidden = !isSimulated();
     },
   };
 }

@@ -83,12 +83,6 @@ class Page:
         return self.actions().move_to_element_with_offset(canvas, x, y)
 
     @contextmanager
-    def holding(self, key: str) -> Iterator[None]:
-        self.actions().key_down(key).perform()
-        yield
-        self.actions().key_up(key).perform()
-
-    @contextmanager
     def on_screen(self, screen: str, scheme: str = "") -> Iterator[None]:
         """In a ``dark`` window, or in one of ``WIDTHxHEIGHT``, ``dark`` or not."""
         command = self.driver.execute_cdp_cmd

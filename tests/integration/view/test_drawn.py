@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.protocol.answers import Belief, Drive, Kidnap, Relocalize, SetPose
+from clustermcl.protocol.answers import Belief, Kidnap, Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.steps import Landmark, Seen, TruePose
@@ -179,11 +179,7 @@ def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
     has_steps(stage, drawn, 4000)  # all others come afterwards, also those skipped for speed
 
 
-def driven(speed_m_s: float = 0.0, *, by_hand: bool = True) -> Drive:
-    return Drive(sender="view", speed_m_s=speed_m_s, by_hand=by_hand)
-
-
-def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) -> None:
+def test_the_simulated_robot_is_kidnapped(stage: Stage, drawn: Page) -> None:
     believe(stage, drawn, belief(0, 1))
     assert not drawn.is_visible("kidnap")  # a real robot is not lifted
     play(stage, range(1, 4))
@@ -204,13 +200,6 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     lifted = stage.commands[1]
     assert isinstance(lifted, Kidnap)
     assert lifted.pose == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
-    stage.commands.clear()
-    press(drawn, "d")
-    with drawn.holding("\ue013"):  # the up arrow
-        shows(stage, lambda: stage.commands.count(driven(0.6)) >= 3)
-    shows(stage, lambda: stage.commands[-1] == driven())
-    drawn.driver.get("about:blank")  # it drives on by itself when the page is closed
-    shows(stage, lambda: stage.commands[-1] == driven(by_hand=False))
 
 
 def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:

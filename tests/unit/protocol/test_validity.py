@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from clustermcl.protocol import work
-from clustermcl.protocol.answers import Drive, Kidnap, Relocalize, SetPose
+from clustermcl.protocol.answers import Kidnap, Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import MAX_ITEMS, decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
@@ -104,7 +104,6 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (Relocalize(sender="a", command_id=""), "$.command_id"),
         (Relocalize(sender="a", command_id="1", near=(0.0, 0.0, 0.0)), "$.near[2]"),
         (Kidnap(sender="a", command_id="1", pose=(math.inf, 0.0, 0.0)), "$.pose[0]"),
-        (Drive(sender="a", turn_rate_rad_s=math.inf), "$.turn_rate_rad_s"),
         (order(cloud(np.full((2, 3), math.nan), np.zeros(2))), "not finite"),
         (changed(order(CLOUD), order=-5), "$.order"),
     ],

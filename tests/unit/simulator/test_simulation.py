@@ -53,19 +53,19 @@ def test_a_kidnapped_robot_drives_on_from_the_given_pose_or_next_to_a_wall_that_
     assert in_room.kidnap((-0.05, 2.0, 1.0)) == pytest.approx((0.4, 2.0, 1.0), abs=0.2)
 
 
-def test_a_robot_driven_by_hand_follows_commands_hits_no_wall_stands_and_wanders_again() -> None:
+def test_a_robot_drives_at_given_rates_hits_no_wall_stands_and_wanders_again() -> None:
     simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
-    simulation.robot.drive_by_hand(0.6, 0.0)
+    simulation.robot.drive_at(0.6, 0.0)
     x = [tick.map_from_robot[0] for tick in islice(simulation, 30)]
     assert x[10] > x[0] + 0.1
     assert x[-1] == x[-5]  # 3 s later it has stood still for long
-    simulation.robot.drive_by_hand(-0.6, 1.0)
+    simulation.robot.drive_at(-0.6, 1.0)
     after = list(islice(simulation, 10))[-1].map_from_robot
     assert after[0] < x[-1]
     assert after[2] > 0.3
     free_space = FreeSpace(ROOM)
     for _ in range(20):
-        simulation.robot.drive_by_hand(9.0, 0.0)
+        simulation.robot.drive_at(9.0, 0.0)
         for tick in islice(simulation, 10):
             assert free_space.clearance_m(*tick.map_from_robot[:2]) >= robot.RADIUS_M - 0.01
     simulation.robot.wander()
@@ -100,7 +100,7 @@ def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
     while simulation.robot.follows:
         next(simulation)
     assert hypot(simulation.map_from_robot[0] - 4.0, simulation.map_from_robot[1] - 2.0) < 0.45
-    simulation.robot.drive_by_hand(0.0, 0.0)
+    simulation.robot.drive_at(0.0, 0.0)
     for _ in range(20):
         next(simulation)
     before = simulation.map_from_robot
