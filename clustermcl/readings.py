@@ -153,8 +153,8 @@ def read_recording(
 ) -> Iterator[Reading]:
     """Return all readings of a recording in the order of time.
 
-    The recording is a ROS bag, a CARMEN log, or a file of `clustermcl record`. Malformed lines are
-    skipped, with a warning in the log.
+    The recording is a ROS bag, a CARMEN log, or a flight recording. Malformed lines are skipped,
+    with a warning in the log.
 
     Args:
         path: a file, which may be compressed by gzip or xz, or the folder of a rosbag2.

@@ -11,7 +11,6 @@ NAME is a role, or ROLE.ROBOT for one robot alone:
   robot                  the robot's driver, which publishes readings
   bridge, coordinator    the processes of these names
   worker, worker-X       workers of one machine; the name is their --name
-  recorder               'clustermcl record': hears scans, odometry and beliefs
   ros2                   AMCL's node in ROS 2
   viewer, operator       people: who may look, and who may command as well
 
@@ -32,7 +31,7 @@ TEXT
 set -euo pipefail
 umask 077
 
-readonly ROLES='robot bridge coordinator recorder ros2 viewer operator worker'
+readonly ROLES='robot bridge coordinator ros2 viewer operator worker'
 readonly NAME_PATTERN="^(router|(${ROLES// /|}(-[A-Za-z0-9_]+)*)(\.[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*)?)$"
 readonly AUTHORITY_DAYS=7300
 

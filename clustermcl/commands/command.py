@@ -34,7 +34,6 @@ COMMANDS = {
         "status": ("live", "Print steps, workers, and counts of dropped data."),
         "snapshot": ("snapshot", "Save a picture of the map and the places."),
         "changes": ("changes", "Print what has changed in the building, and write a new map."),
-        "record": ("record", "Record map, scans, odometry and beliefs, until Ctrl-C."),
     },
     "Control a running system": {
         "set-pose": ("live", "Set the robot's pose; the heading is in degrees."),

@@ -9,7 +9,6 @@ from typing import Annotated, assert_never
 
 from clustermcl.commands import options as opt
 from clustermcl.commands.demo_output import DemoOutput, DemoSummary
-from clustermcl.commands.record import recorded
 from clustermcl.commands.stack import Stack, meeting_in, temporary_folder
 from clustermcl.commands.verbosity import is_verbose
 from clustermcl.link.inbox import Inbox
@@ -23,7 +22,6 @@ from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import TruePose
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of
-from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
@@ -64,7 +62,6 @@ def demo(
     view: Annotated[bool, opt.flag("--view", "Serve the live page, until Ctrl-C.")] = False,
     advised: Annotated[bool, opt.flag("--advised", "The robot drives advised ways.")] = False,
     listen: opt.Listen = None,
-    record: Annotated[Path | None, opt.option("Record the run (MCAP).", "FILE.mcap")] = None,
     as_json: opt.AsJson = False,
 ) -> None:
     """Localize a simulated robot or a recording.
@@ -72,8 +69,6 @@ def demo(
     All processes run on this machine, and end with the command.
     """
     opt.refuse_without("--view", view, listen=listen)
-    if record is not None:
-        check_output_file(record)
     page = parsed_address(listen or opt.HERE) if view else None
     if page is not None and not (page.is_loopback and page.port):
         raise SettingsError("--listen: a demo needs a loopback address and a port")
@@ -116,7 +111,7 @@ def demo(
         )
         with closing(stack):
             try:
-                status = audience.followed(settings, page, record)
+                status = audience.followed(settings, page)
             except UnreachableError:
                 stack.check()  # raises the error of a process that has ended, which is the cause
                 raise
@@ -175,7 +170,7 @@ class _Audience:
     def __post_init__(self) -> None:
         self._inbox: Events = Inbox({"belief": 4096, "events": 4096, "truth": 4096})
 
-    def followed(self, settings: Settings, page: Address | None, record: Path | None) -> Status:
+    def followed(self, settings: Settings, page: Address | None) -> Status:
         """Run all processes to the last belief, and return their status."""
         self.stack.start_without_coordinator()
         if page is not None:
@@ -186,7 +181,7 @@ class _Audience:
             subscribe(session, keys.EVENTS, JobEvents, self._inbox, "events")
             subscribe(session, keys.TRUTH, TruePose, self._inbox, "truth")
             watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
-            with recorded(session, settings, record), self.output.live():
+            with self.output.live():
                 # A step without reports would be lost.
                 while len(self._alive) < (settings.worker.count or 1):
                     self.output.on_workers(are_ready=False)

@@ -114,10 +114,6 @@ _ROLES = {
         announces=(keys.COORDINATOR_ALIVE,),
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),
-    "recorder": Rights(
-        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.CHANGES),
-        asks=(keys.MAP, keys.SCAN_HISTORY),
-    ),
     "ros2": Rights(
         publishes=_READINGS,
         reads=(keys.BELIEF, keys.ALL_REPORTS, keys.CHANGES),

@@ -1,4 +1,4 @@
-"""Reads and writes run logs, MCAP files of the coordinator and of `clustermcl record`.
+"""Reads and writes run logs, MCAP files of the flight recorder.
 
 Messages are JSON, or MessagePack if only a replay reads them. docs/recordings.md lists all topics.
 """
@@ -34,7 +34,7 @@ PROFILE = "clustermcl"
 """Profile in the header of each run log; a file with another profile is refused."""
 SCAN, ODOMETRY, GRID, POSE, PLACES = "/scan", "/tf", "/map", "/pose", "/places"
 """Topics that Foxglove draws; the second laser of a step is on `/scan_1`, and so on."""
-BELIEF, JOB_EVENTS, LINES, CHANGES = "/belief", "/events", "/log", "/changes"
+BELIEF, JOB_EVENTS, LINES = "/belief", "/events", "/log"
 SCHEMAS = {
     SCAN: "foxglove.LaserScan", ODOMETRY: "foxglove.FrameTransform", GRID: "foxglove.Grid",
     POSE: "foxglove.PoseInFrame", PLACES: "foxglove.SceneUpdate", LINES: "foxglove.Log",
@@ -67,7 +67,7 @@ class RunLog:
     def __init__(self, path: Path, mode: Literal["w", "x"] = "w") -> None:
         from mcap.writer import Writer  # noqa: PLC0415 - 3 MB, which a reader does not need
 
-        self._path, self._map_digest, self._floors = path, "", ONE_MAP
+        self._path, self._floors = path, ONE_MAP
         self._channels: dict[str, int] = {}
         with self._named():
             self._file = open(path, f"{mode}b", opener=_private)  # noqa: SIM115 - no opener
@@ -80,18 +80,10 @@ class RunLog:
     def __exit__(self, *_how: object) -> None:
         self.close()
 
-    def wants_map(self, scan: Scan) -> bool:
-        return scan.map_digest != self._map_digest
-
     def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
         """Write the map of the following steps, downsampled if it has more than `max_cells`."""
-        self._map_digest, self._floors = grid_map.digest, grid_map.floors
+        self._floors = grid_map.floors
         self.write(GRID, foxglove.grid(grid_map, at_ns, max_cells), at_ns)
-
-    def on_odometry(self, reading: OdometryReading) -> None:
-        at_ns = reading.stamp_ns
-        link = foxglove.frame_transform(at_ns, ODOM, BASE, reading.odom_from_robot)
-        self.write(ODOMETRY, link, at_ns)
 
     def on_scan(self, scan: Scan, at_ns: int) -> None:
         """Write a step's beams and odometry at a time of the recording."""

@@ -12,7 +12,6 @@ import msgspec
 
 from clustermcl.link.inbox import Inbox
 from clustermcl.protocol.answers import Belief, PoseAnswer
-from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents
@@ -60,7 +59,7 @@ def view_recording(
     if not recording.exists():
         raise RecordingError(recording, os_problem(FileNotFoundError()))
     if not run_log.is_run_log(recording):
-        problem = "is not a recorded run: neither clustermcl record nor a coordinator wrote it"
+        problem = "is not a recorded run: no flight recorder wrote it"
         remedy = f"to localize with it: clustermcl demo --view --recording {recording}"
         raise RecordingError(recording, f"{problem}; {remedy}")
     named = None
@@ -142,8 +141,6 @@ class RecordedRun:
             self._on_belief(run_log.decoded(message, Belief, path))
         elif message.topic == run_log.JOB_EVENTS:
             self._shown.on_events(run_log.decoded(message, JobEvents, path))
-        elif message.topic == run_log.CHANGES:
-            self._shown.on_changes(run_log.decoded(message, Changes, path))
         elif message.topic.startswith(run_log.SCAN):
             self._lasers.append(run_log.decoded(message, LaserFields, path))
         elif message.topic == run_log.GRID and not self._is_map_given:

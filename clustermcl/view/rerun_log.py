@@ -77,9 +77,9 @@ class RerunLog:
             self._log.disconnect()  # writes the rest
 
     def ignore(self, *_: object) -> None:
-        """Rerun shows no pose between steps, event or change."""
+        """Rerun shows no pose between steps, and no event."""
 
-    on_pose = on_events = on_changes = ignore
+    on_pose = on_events = ignore
 
     def _points(self, name: str, poses: Any, radius: float, colour: Any, **how: Any) -> None:
         points = self._rerun.Points3D(_flat(poses), radii=radius, colors=colour)

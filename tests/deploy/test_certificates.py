@@ -107,7 +107,7 @@ def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
     [
         ([], "no NAME given"),
         (["admin"], "'admin' is no role"),
-        (["ros2-a"], "'ros2-a' is no role: router, robot, bridge, coordinator, recorder, ros2,"),
+        (["ros2-a"], "'ros2-a' is no role: router, robot, bridge, coordinator, ros2, viewer,"),
         (["bridge.r/7"], "'bridge.r/7' is no role"),
         (["viewer." + "x" * 60], "at most 64 letters"),
         (["--days", "0", "bridge"], "--days 0: give a number of days"),

@@ -17,9 +17,9 @@ from clustermcl.coordinator.recorder.ring import EVENTS, Ring
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import JobEvents
-from clustermcl.recordings.foxglove import Json, grid, log_line
+from clustermcl.recordings.foxglove import log_line
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
+from clustermcl.recordings.run_log import JOB_EVENTS, LINES, RunLog
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.output_files import OutputError
 from clustermcl.runtime.threads import disk_thread
@@ -35,7 +35,7 @@ RETRY_S = 10.0
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
 
-_Entry: TypeAlias = records.Head | records.RecordedEvent | Json | Belief | JobEvents
+_Entry: TypeAlias = records.Head | records.RecordedEvent | GridMap | Belief | JobEvents
 
 _log = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class FlightRecorder:
         self._unflushed, self._unwritten, self._retry_s = 0, 0, 0.0
         self._asked, self._causes = True, CauseCounter()
         self._wall_from_now_ns, self._at_ns = 0, 0
-        self._map: Json | None = None
+        self._map: GridMap | None = None
         self._batch: list[records.RecordedEvent] = []
 
     @property
@@ -79,7 +79,7 @@ class FlightRecorder:
     def on_map(self, grid_map: GridMap) -> None:
         """Record the map, with which each file begins; may be called in any thread."""
         if self._ring is not None:
-            self._queue.append(grid(grid_map, time.time_ns(), MAX_MAP_CELLS))
+            self._queue.append(grid_map)
 
     def running(self) -> AbstractContextManager[None]:
         """Write events within the ``with`` block, and at its end those that wait, if it is soon."""
@@ -166,11 +166,11 @@ class FlightRecorder:
                 log = ring.begin(entry)
                 self._wall_from_now_ns, self._at_ns = entry.wall_ns - entry.now_ns, entry.wall_ns
                 if self._map is not None:
-                    log.write(GRID, self._map, self._at_ns)
-            case dict():
+                    log.on_map(self._map, self._at_ns, MAX_MAP_CELLS)
+            case GridMap():
                 self._map = entry
                 if log is not None:
-                    log.write(GRID, entry, self._at_ns)
+                    log.on_map(entry, self._at_ns, MAX_MAP_CELLS)
             case records.RecordedEvent(now_ns, event) if log is not None:
                 self._at_ns = self._wall_from_now_ns + now_ns
                 self._batch.append(records.without_bulk(entry))

@@ -16,7 +16,7 @@ from tests.integration.free_port import free_port
 from tests.integration.security.certificates import client_with, make_certificates
 from tests.integration.waiting import PATIENCE_S
 
-NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "recorder", "viewer", "operator")
+NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "viewer", "operator")
 """Every role, with two workers' machines; of the role ``router`` there is one besides."""
 
 OpenAs = Callable[[str], zenoh.Session]

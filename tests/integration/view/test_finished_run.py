@@ -19,11 +19,12 @@ STEPS = 15
 
 
 def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path) -> None:
-    file, port = tmp_path / "<run>.mcap", free_port()
+    flights, port = tmp_path / "flights", free_port()
     robot = ("demo", "--recording", "sim:cross", "--steps", str(STEPS), "--workers", "1")
-    words = (*robot, "--record", str(file), *SMALL_FILTER)
+    words = (*robot, "--set", f"recorder.folder={flights}", *SMALL_FILTER)
     with typed(*words, folder=tmp_path) as recording:
         assert recording.wait(2 * PATIENCE_S) == 0, recording.err
+    file = next((flights / "robot").iterdir()).rename(tmp_path / "<run>.mcap")
     words = ("view", str(file), "--listen", f"127.0.0.1:{port}")
     with typed(*words, folder=tmp_path) as viewer:
         viewer.wait_for("look at")

@@ -14,8 +14,7 @@ from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.job_events import JobEvents
-from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.steps import Landmark, LaserBeams, LaserReading, OdometryReading, Scan
+from clustermcl.protocol.steps import Landmark, LaserBeams, LaserReading, Scan
 from clustermcl.recordings import run_log
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.recording import open_recording
@@ -51,23 +50,13 @@ def step_scan(step: int) -> Scan:
     )
 
 
-LATER = (0.25, 0.1, 0.04)
-"""How far the robot drives after each step."""
-
-
-def odometry_after(seen: Scan) -> OdometryReading:
-    pose = pose_tuple(compose(np.array(seen.odom_from_robot), np.array(LATER)))
-    return OdometryReading(sender="r", stamp_ns=seen.stamp_ns + 10**7, odom_from_robot=pose)
-
-
 def write_run(path: Path) -> None:
-    """Two lasers, odometry between the steps; each step is a chunk."""
+    """Two lasers; each step is a chunk."""
     with RunLog(path) as log:
         log.on_map(world("cross").map, 0)
         for step in range(STEPS):
             seen = step_scan(step)
             log.on_scan(seen, seen.stamp_ns)
-            log.on_odometry(odometry_after(seen))
             reported = msgspec.structs.replace(
                 belief(step, 4, 7) if step else belief(step),
                 stamp_ns=seen.stamp_ns, odom_from_robot=seen.odom_from_robot,
@@ -136,7 +125,7 @@ def test_the_mcap_library_reads_scan_places_and_map(run: Path) -> None:
     counts = {topic: len(messages) for topic, messages in found.items()}
     each_step = ("/scan", "/scan_1", "/places", "/belief", "/events")
     assert counts == dict.fromkeys(each_step, STEPS) | {
-        "/map": 1, "/pose": STEPS - 1, "/tf": 2 * STEPS + STEPS - 1,
+        "/map": 1, "/pose": STEPS - 1, "/tf": STEPS + STEPS - 1,
     }  # fmt: skip
     assert found["/scan"][3]["ranges"] == [2.0, 0.0, 0.0, 3.1]
     assert np.float32(found["/scan_1"][0]["ranges"][1]) == np.float32(1.0 / 3.0)
@@ -181,9 +170,7 @@ def test_a_run_is_a_recording_with_every_bit_of_scans_and_odometry(run: Path) ->
     assert behind.robot_from_laser == (-0.4, 0.0, np.pi)
     poses = {one.stamp_ns: one.odom_from_robot for one in odometry_of(recording)}
     for seen in map(step_scan, range(STEPS)):
-        after = odometry_after(seen)
         assert poses.pop(seen.stamp_ns) == seen.odom_from_robot
-        assert poses.pop(after.stamp_ns) == after.odom_from_robot
     assert not poses
     again = steps_of(recording, BridgeSettings(), world("cross").map.digest)
     made = [(step.step, step.stamp_ns, step.odom_from_robot) for step in again]
@@ -200,7 +187,7 @@ def test_the_transforms_of_the_file_lead_to_the_best_place(run: Path) -> None:
          2.0 * np.arctan2(link["rotation"]["z"], link["rotation"]["w"]))
         for link in (links["map", "odom"], links["odom", "base_link"])
     )  # fmt: skip
-    expected = compose(np.array(belief(1, 4).hypotheses[0].pose), np.array(LATER))
+    expected = np.array(belief(1, 4).hypotheses[0].pose)
     found = compose(np.array(map_from_odom), np.array(odom_from_robot))
     np.testing.assert_allclose(found, expected, atol=1e-5)  # drawn to five digits
 
