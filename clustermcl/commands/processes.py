@@ -45,7 +45,6 @@ def view(
     recording: Annotated[
         Path | None, opt.argument("[FILE.mcap|FOLDER]", "A recorded run, not a running system.")
     ] = None,
-    map_file: opt.MapOfRecording = None,
     save: Annotated[
         Path | None, opt.option("Write the run as one page, or as .rrd for Rerun.", "FILE.html")
     ] = None,
@@ -53,7 +52,7 @@ def view(
     allow_commands: opt.AllowCommands = False,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
-    opt.refuse_without("a recording", recording, map=map_file, save=save)
+    opt.refuse_without("a recording", recording, save=save)
     if recording is None:
         words = ["--allow-commands"] if allow_commands else []
         become("view", given, "--listen", listen or opt.HERE, *words)
@@ -61,4 +60,4 @@ def view(
     from clustermcl.view.admission import parsed_address  # noqa: PLC0415 - see the package
     from clustermcl.view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
-    view_recording(recording, parsed_address(listen or opt.HERE), map_file, save)
+    view_recording(recording, parsed_address(listen or opt.HERE), save)

@@ -44,8 +44,8 @@ _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BASE64}})
 """Schema that marks the base64 strings; Foxglove knows the other fields by name."""
 CHUNK_BYTES = 2**18
-MAX_MAP_CELLS = 40_000_000
-"""Limit for the cells of a written map, which as JSON fills the largest readable chunk."""
+MAX_MAP_CELLS = 4_000_000
+"""A larger map is recorded at a lower resolution, because each file begins with the map."""
 MAX_MESSAGE_BYTES = 2**22
 """Limit for a message other than a map [bytes]; decoding takes fifty times this memory."""
 MAX_PLAYBACK_BYTES = 2**31

@@ -20,8 +20,6 @@ from clustermcl.protocol.steps import KEPT_STEPS as KEPT_SCANS
 from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.recordings import run_log
 from clustermcl.recordings.foxglove import LaserFields
-from clustermcl.recordings.maps.landmarks import landmarks_of_map
-from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.compressed import os_problem
 from clustermcl.runtime.output_files import check_output_file, write_output_file
@@ -51,7 +49,6 @@ _log = logging.getLogger(__name__)
 def view_recording(
     recording: Path,
     address: Address,
-    map_file: str | None = None,
     save_file: Path | None = None,
 ) -> None:
     """Serve the page of a recorded run until Ctrl-C, or save it: a page, or ``.rrd`` for Rerun."""
@@ -62,30 +59,23 @@ def view_recording(
         problem = "is not a recorded run: no flight recorder wrote it"
         remedy = f"to localize with it: clustermcl demo --view --recording {recording}"
         raise RecordingError(recording, f"{problem}; {remedy}")
-    named = None
-    if map_file:
-        grid_map = load_map(map_file)
-        grid_map = grid_map.with_landmarks(landmarks_of_map(map_file, grid_map.floors))
-        named = to_message(grid_map, "recording")
     if save_file is not None:
         check_output_file(save_file)
         if save_file.suffix == RERUN:
-            RecordedRun(recording, named, RerunLog(save_file)).read_for(math.inf)
+            RecordedRun(recording, RerunLog(save_file)).read_for(math.inf)
         else:
-            write_output_file(save_file, RecordedRun(recording, named).saved())
+            write_output_file(save_file, RecordedRun(recording).saved())
         return
-    RecordedRun(recording, named).serve(address, stop)
+    RecordedRun(recording).serve(address, stop)
 
 
 class RecordedRun:
     """The page of a recorded run, a run log or the folder of a flight recorder.
 
-    Draws a given map in place of that in the recording; `into` takes it in place of the page.
+    `into` takes it in place of the page.
     """
 
-    def __init__(
-        self, path: Path, grid_map: MapMessage | None, into: RerunLog | None = None
-    ) -> None:
+    def __init__(self, path: Path, into: RerunLog | None = None) -> None:
         about: dict[str, Any] = {
             "router": "", "commands": False, "robot": path.resolve().stem,
             "kept_steps": KEPT_STEPS,
@@ -93,10 +83,7 @@ class RecordedRun:
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
         self._shown: Picture | RerunLog = into or self.picture
         self._shown.on_link("replaying")
-        self._is_map_given = grid_map is not None
         self._map: MapMessage | None = None
-        if grid_map is not None:
-            self._show_map(grid_map)
         self._lasers: deque[LaserFields] = deque(maxlen=KEPT_SCANS)
         self._pieces = self._read(run_log.log_files(path))
 
@@ -143,10 +130,11 @@ class RecordedRun:
             self._shown.on_events(run_log.decoded(message, JobEvents, path))
         elif message.topic.startswith(run_log.SCAN):
             self._lasers.append(run_log.decoded(message, LaserFields, path))
-        elif message.topic == run_log.GRID and not self._is_map_given:
+        elif message.topic == run_log.GRID:
             grid_map = run_log.map_in(message, path)
             if self._map is None or grid_map.digest != self._map.digest:
-                self._show_map(to_message(grid_map, "recording"))
+                self._map = to_message(grid_map, "recording")
+                self._shown.on_map(self._map)
 
     def _on_belief(self, belief: Belief) -> None:
         lasers = [laser for laser in self._lasers if laser.step == belief.step][:MAX_LASERS]
@@ -157,10 +145,6 @@ class RecordedRun:
             self._shown.on_scan(_scan(belief, lasers, floors))
         self._shown.on_belief(belief)
         self._shown.on_pose(best_pose(belief))
-
-    def _show_map(self, grid_map: MapMessage) -> None:
-        self._map = grid_map
-        self._shown.on_map(grid_map)
 
 
 def _scan(belief: Belief, lasers: list[LaserFields], floors: Floors) -> Scan:

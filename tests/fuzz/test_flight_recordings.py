@@ -122,7 +122,7 @@ def test_messages_with_other_contents_are_used_or_refused(
             written = msgspec.Raw(other if number == at else message.data)
             log.write(message.topic, written, message.at_ns)
     with contextlib.suppress(RecordingError):
-        run = RecordedRun(path, None)
+        run = RecordedRun(path)
         while run.read_for(1.0):
             pass
     with contextlib.suppress(RecordingError):

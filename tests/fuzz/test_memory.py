@@ -136,7 +136,7 @@ def localize(path: Path) -> None:
 
 
 def view(path: Path) -> None:
-    RecordedRun(path, None).saved()
+    RecordedRun(path).saved()
 
 
 def replay(path: Path) -> None:

@@ -32,8 +32,6 @@ LAST_WRITE_S = 0.9
 """Longest wait for the disk at the end [s]."""
 RETRY_S = 10.0
 """Time between two attempts to write to a disk that fails [s]."""
-MAX_MAP_CELLS = 4_000_000
-"""A larger map is recorded at a lower resolution, because each file begins with the map."""
 
 _Entry: TypeAlias = records.Head | records.RecordedEvent | GridMap | Belief | JobEvents
 
@@ -166,11 +164,11 @@ class FlightRecorder:
                 log = ring.begin(entry)
                 self._wall_from_now_ns, self._at_ns = entry.wall_ns - entry.now_ns, entry.wall_ns
                 if self._map is not None:
-                    log.on_map(self._map, self._at_ns, MAX_MAP_CELLS)
+                    log.on_map(self._map, self._at_ns)
             case GridMap():
                 self._map = entry
                 if log is not None:
-                    log.on_map(entry, self._at_ns, MAX_MAP_CELLS)
+                    log.on_map(entry, self._at_ns)
             case records.RecordedEvent(now_ns, event) if log is not None:
                 self._at_ns = self._wall_from_now_ns + now_ns
                 self._batch.append(records.without_bulk(entry))

@@ -45,7 +45,7 @@ def test_every_client_command_has_options_for_robot_and_router(name: str) -> Non
     [
         (["demo", "--listen", "127.0.0.1:1"], "--listen has no effect without --view"),
         (["up", "--allow-commands"], "--allow-commands has no effect without --view"),
-        (["view", "--map", "m.yaml"], "--map has no effect without a recording"),
+        (["view", "--save", "m.html"], "--save has no effect without a recording"),
         (["demo", "--advised", "--recording", "robot.log"], "can follow advice"),
         (["demo", "--view", "--listen", "0.0.0.0:8350"], "a loopback address and a port"),
         (["demo", "--recording", "sim:atlantis"], "'atlantis'; the worlds are cross"),

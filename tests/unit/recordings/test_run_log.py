@@ -189,7 +189,8 @@ def test_the_transforms_of_the_file_lead_to_the_best_place(run: Path) -> None:
     )  # fmt: skip
     expected = np.array(belief(1, 4).hypotheses[0].pose)
     found = compose(np.array(map_from_odom), np.array(odom_from_robot))
-    np.testing.assert_allclose(found, expected, atol=1e-5)  # drawn to five digits
+    # Angles are drawn to five digits; the robot is 3.3 m from the origin of odometry.
+    np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_a_truncated_file_is_read_up_to_its_last_complete_chunk(run: Path, tmp_path: Path) -> None:

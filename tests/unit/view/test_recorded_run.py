@@ -23,7 +23,7 @@ from clustermcl.view.recorded_run import RecordedRun, view_recording
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import Recordings
 from tests.unit.recordings.test_run_log import STEPS, step_scan, write_run
-from tests.unit.view.messages import belief, map_message
+from tests.unit.view.messages import belief
 
 
 def read(run: RecordedRun) -> RecordedRun:
@@ -55,20 +55,19 @@ def past(run: RecordedRun, step: int) -> dict[str, Any]:
     return {topic: json.loads(bytes(frames[topic])) for topic in frames if topic != "events"}
 
 
-def test_all_steps_are_shown_on_the_recorded_map_or_a_given_one(file: Path) -> None:
-    shown = read(RecordedRun(file, None)).picture.everything()
+def test_all_steps_are_shown_on_the_recorded_map(file: Path) -> None:
+    shown = read(RecordedRun(file)).picture.everything()
     assert shown["system"]["link"] == "finished"
     assert shown["system"]["robot"] == "run"
     assert not shown["system"]["commands"]
     assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(STEPS))
     assert shown["map"]["digest"] == world("cross").map.digest
-    assert read(RecordedRun(file, map_message())).picture.everything()["map"]["rows"] == 2
 
 
 @pytest.mark.parametrize("step", [1, STEPS - 1])
 def test_a_recorded_step_shows_the_frames_of_the_live_page(file: Path, step: int) -> None:
     was = json.loads(msgspec.json.encode(live(step).everything()["step"]))
-    shown = past(read(RecordedRun(file, None)), step)["step"]
+    shown = past(read(RecordedRun(file)), step)["step"]
     assert len(shown["scan"]) == 8  # two of the first laser's four beams, both of the second's
     assert shown == was
 
@@ -79,7 +78,7 @@ def test_a_flight_recording_is_shown_from_file_to_file(tmp_path: Path) -> None:
     for step in range(30):
         living.drive(step)
     assert len(list(tmp_path.iterdir())) > 1
-    flight = read(RecordedRun(tmp_path, map_message()))
+    flight = read(RecordedRun(tmp_path))
     history = flight.picture.everything()["history"]
     assert [json.loads(bytes(row))[0] for row in history["rows"]] == list(range(30))
     step, pose = (past(flight, 20)[topic] for topic in ("step", "pose"))
@@ -95,7 +94,7 @@ def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
 ) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    shown = read(RecordedRun(cut, None)).picture.everything()
+    shown = read(RecordedRun(cut)).picture.everything()
     assert 0 < shown["step"]["step"] < STEPS - 1
     assert "is cut off or damaged" in caplog.text
 
@@ -127,7 +126,7 @@ def test_a_recorded_building_is_drawn_in_its_atlas(
 ) -> None:
     file, grid_map, best = building
     assert last_map(file).floors == grid_map.floors
-    run = read(RecordedRun(file, None))
+    run = read(RecordedRun(file))
     shown = run.picture.everything()
     assert shown["pose"].floor == "ground"
     assert shown["step"]["places"][0]["pose"] == best
