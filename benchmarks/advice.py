@@ -24,11 +24,10 @@ from benchmarks.worlds import world
 from clustermcl import ClusterMCL, Reading
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Poses
 from clustermcl.filter.poses import compose, inverse, wrap_angle
-from clustermcl.protocol.advice import Advice, Way
+from clustermcl.protocol.advice import LEAST_PROBABILITY, Advice, Way
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.simulator.process import ASK_STEPS, count_places
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.world import World, world_from_map
 
@@ -36,6 +35,9 @@ RIGHT_M, RIGHT_RAD = 1.0, 0.5
 """A place nearer than this to the robot is right."""
 RADIUS_M = 0.25
 """Radius that ways are asked for [m]; the simulated robot is smaller."""
+ASK_STEPS = 10
+"""Steps after which a robot on an advised way asks again, if the number of places has changed.
+While it is the same, another of several equally good ways would only make the robot turn back."""
 MAX_WAY_STEPS = 120
 """Steps after which an advised robot asks again on the longest way."""
 BINS = (0.25, 0.5, 1.0)
@@ -122,7 +124,7 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
                 waits = made + (0 if answer.ways else WAIT_STEPS)
                 checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
                 for way in answer.ways[:1]:
-                    simulation.follow(np.array(way.poses + way.rest * whole), truth)
+                    follow(simulation, np.array(way.poses + way.rest * whole), truth)
                     if whole:
                         gain = gain_of_truth(answer, way, truth)
                         begun = way.information, gain, log_of_truth(belief, truth)
@@ -130,6 +132,21 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
             break
     checked, unsafe = np.sum(checks, axis=0).tolist()
     return Run(made if found else limit, found, wrong, made, tuple(ways), checked, unsafe)
+
+
+def count_places(belief: Belief) -> int:
+    return sum(place.probability >= LEAST_PROBABILITY for place in belief.hypotheses)
+
+
+def follow(simulation: Simulation, way: Poses, begin: PoseTuple) -> None:
+    """Drive along a way, or turn once if it has no length; then drive to random goals.
+
+    Its (n, 3) poses are relative to the pose in the map where it begins.
+    """
+    if np.ptp(way[:, :2], axis=0).any():
+        simulation.robot.follow(compose(np.array(begin), way)[1:, :2])
+    else:
+        simulation.robot.turn_round()
 
 
 def is_right(pose: PoseTuple, truth: PoseTuple) -> bool:

@@ -60,7 +60,6 @@ def demo(
     steps: Annotated[int | None, opt.option("Steps of a simulated robot.", min=1)] = None,
     seed: Annotated[int | None, opt.option("Seed of all random numbers.", min=0)] = None,
     view: Annotated[bool, opt.flag("--view", "Serve the live page, until Ctrl-C.")] = False,
-    advised: Annotated[bool, opt.flag("--advised", "The robot drives advised ways.")] = False,
     listen: opt.Listen = None,
     as_json: opt.AsJson = False,
 ) -> None:
@@ -86,11 +85,11 @@ def demo(
     ):
         if value is not None:
             settings = with_setting(settings, name, value, "clustermcl demo")
-    title, settings = _checked(settings, map_file, advised=advised, steps=steps)
+    title, settings = _checked(settings, map_file, steps)
     is_simulated = isinstance(parsed_source(source), Simulated)
     story = source.removeprefix(SIMULATED) if is_simulated else "recording"
     robot = ["--steps", str(steps or (_VIEWED_STEPS if view else _STEPS))]
-    robot += [*(["--advised"] if advised else []), *(["--map", map_file] if map_file else [])]
+    robot += ["--map", map_file] if map_file else []
     viewed = ["--listen", page.netloc, "--story", story] if page else None
     stop, started_s = stop_on_signals(exit_after_s=5.0), time.monotonic()
     with temporary_folder() as folder:
@@ -122,9 +121,7 @@ def demo(
                 audience.pause()
 
 
-def _checked(
-    settings: Settings, map_file: str | None, *, advised: bool, steps: int | None
-) -> tuple[str, Settings]:
+def _checked(settings: Settings, map_file: str | None, steps: int | None) -> tuple[str, Settings]:
     """Refuse what cannot be played; return the title, and the settings with the robot's radius."""
     bridge = settings.bridge
     match parsed_source(bridge.source):
@@ -137,7 +134,6 @@ def _checked(
             return f"simulated robot in {simulated.world}", settings
         case Recorded(path):
             wrong = {
-                "--advised: only a simulated robot can follow advice, not a recording": advised,
                 "--steps: only for a simulated robot; a recording is played to its end": steps,
                 "--map is missing: a recording needs the map it was made in": not bridge.map,
             }

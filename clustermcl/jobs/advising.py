@@ -49,7 +49,6 @@ def advice(
             poses=tuple(map(pose_tuple, way.poses)),
             rest=tuple(map(pose_tuple, way.rest)),
             length_m=way.length_m,
-            turn_rad=way.turn_rad,
             gains=tuple(way.gains.tolist()),
             information=way.information,
             sure_probability=min(way.sure_probability, 1.0),
@@ -71,9 +70,9 @@ def _question(
     asked: AdviceQuestion, scan: Scan, model: SensorModel, landmarks: Sequence[Landmark]
 ) -> Question:
     places = asked.hypotheses
-    poses = np.array([place.pose for place in places]).reshape(-1, 3)
+    poses = np.array([place.pose for place in places])
     beams, fit = scan_beams(scan, model), 0.0
-    if beams.count and places:
+    if beams.count:
         fit = float(model.log_likelihood(poses[:1], beams)[0]) / beams.count
     return Question(
         poses,

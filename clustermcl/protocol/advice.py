@@ -88,8 +88,6 @@ class Way(Part, frozen=True, kw_only=True):
     """Where the way leads from there. Ask again first: places are not known well enough yet."""
     length_m: NotNegative
     """Length of both."""
-    turn_rad: NotNegative
-    """Sum of all turns."""
     gains: tuple[Finite, ...] = ()
     """Expected gain of the log probability of each of `Advice.clusters`, if it is right [nat]."""
     information: NotNegative

@@ -2,20 +2,15 @@
 
 import argparse
 import logging
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from clustermcl.link.node import Node
-from clustermcl.link.wire import Asked, Received
+from clustermcl.link.wire import Asked
 from clustermcl.protocol import keys
-from clustermcl.protocol.advice import LEAST_PROBABILITY, Advice
-from clustermcl.protocol.answers import Belief, CommandDone, Kidnap
+from clustermcl.protocol.answers import CommandDone, Kidnap
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Observation, Reading, Scan, TruePose
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.runtime.main import Invocation, process_main
@@ -25,11 +20,6 @@ from clustermcl.sensor_bridge.process import OnStep, serve_robot
 from clustermcl.sensor_bridge.recorded import Source
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import simulated_world
-
-_ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
-ASK_STEPS = 10
-"""Steps after which a robot on an advised way asks again, if the number of places has changed.
-While it is the same, another of several equally good ways would only make the robot turn back."""
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +37,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--map", metavar="FILE", help="map to localize in (default: the world's own)")
     add("--steps", type=int, metavar="N", help="stop after N steps")
-    add("--advised", action="store_true", help="drive advised ways while places are ambiguous")
 
 
 def run_simulator(invocation: Invocation) -> None:
@@ -82,15 +71,12 @@ def run_simulator(invocation: Invocation) -> None:
             asked.answer(CommandDone(sender=node.name))
 
         node.serve(keys.KIDNAP, kidnap)
-        follower = Follower(simulation, node) if arguments.advised else None
 
         def on_step(scan: Scan) -> None:
             nonlocal made
             made += 1
             floor, there = world.map.floors.on_floor(here)  # a scan's step is made in its tick
             truth.put(TruePose(sender=node.name, step=scan.step, pose=there, floor=floor))
-            if follower:
-                follower.truths.append((scan.step, here))
 
         return on_step
 
@@ -103,46 +89,5 @@ def run_simulator(invocation: Invocation) -> None:
 
 def run_with_defaults(invocation: Invocation) -> None:
     """Simulate until the process is stopped, as the program does without arguments of its own."""
-    arguments = argparse.Namespace(map=None, steps=None, advised=False)
+    arguments = argparse.Namespace(map=None, steps=None)
     run_simulator(replace(invocation, arguments=arguments))
-
-
-def count_places(belief: Belief) -> int:
-    return sum(place.probability >= LEAST_PROBABILITY for place in belief.hypotheses)
-
-
-class Follower:
-    """Drives along the best advised way while several places are possible, and then asks again.
-
-    The robot stands until the answer arrives, and wanders while no way is advised.
-    """
-
-    def __init__(self, simulation: Simulation, node: Node) -> None:
-        self._simulation, self._node = simulation, node
-        self.truths: deque[tuple[int, PoseTuple]] = deque(maxlen=_KEPT_TRUTHS)
-        self._asks, self._ask_step, self._places = False, 0, 0
-        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
-
-    def _on_belief(self, belief: Belief, _received: Received) -> None:
-        places, is_soon = count_places(belief), belief.step < self._ask_step
-        drives_on = self._simulation.robot.follows and (is_soon or places == self._places)
-        if belief.state == "ambiguous" and not (self._asks or drives_on):
-            self._asks, self._places = True, places
-            self._simulation.robot.drive_at(0.0, 0.0)
-            self._node.ask(
-                keys.ADVICE, Advice, self._on_advice, self._on_failure, timeout_s=_ADVICE_TIMEOUT_S
-            )
-
-    def _on_advice(self, advice: Advice) -> None:
-        self._asks, self._ask_step = False, advice.step + ASK_STEPS
-        begin = dict(self.truths).get(advice.step)
-        if advice.ways and begin:
-            _log.info("drive an advised way of %.1f m", advice.ways[0].length_m)
-            self._simulation.follow(np.array(advice.ways[0].poses), begin)
-        else:
-            self._simulation.robot.wander()
-
-    def _on_failure(self, problem: str) -> None:
-        _log.warning("no advice: %s", problem or "no answer")
-        self._asks = False
-        self._simulation.robot.wander()

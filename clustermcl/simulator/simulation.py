@@ -7,8 +7,6 @@ from math import hypot
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.filter.arrays import Poses
-from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading, Reading, Scan
@@ -110,16 +108,6 @@ class Simulation:
         pose = map_from_robot if map_from_robot is not None else self._far_pose()
         self.robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
         return self.map_from_robot
-
-    def follow(self, way: Poses, begin: PoseTuple) -> None:
-        """Drive along a way, or turn once if it has no length; then drive to random goals.
-
-        Its (n, 3) poses are relative to the pose in the map where it begins.
-        """
-        if np.ptp(way[:, :2], axis=0).any():
-            self.robot.follow(compose(np.array(begin), way)[1:, :2])
-        else:
-            self.robot.turn_round()
 
     def _drive_on(self) -> tuple[OdometryReading, Drive]:
         """Drive until the next odometry reading; return the reading before, and the motion."""

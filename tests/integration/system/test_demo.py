@@ -25,12 +25,11 @@ def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
     return answer
 
 
-def test_a_demo_of_an_advised_robot_ends_by_itself_with_one_json_object(
+def test_a_demo_ends_by_itself_with_one_json_object(
     environment: dict[str, str],
 ) -> None:
-    done = ran("-v", *SHORT, "--advised", "--json", *SMALL_FILTER, environment=environment)
+    done = ran("-v", *SHORT, "--json", *SMALL_FILTER, environment=environment)
     assert done.returncode == 0, done.stderr
-    assert "drive an advised way of" in done.stderr
     answer = json.loads(done.stdout)
     assert (answer["steps"], answer["steps_lost"]) == (30, 0)
     assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}

@@ -46,7 +46,6 @@ def test_every_client_command_has_options_for_robot_and_router(name: str) -> Non
         (["demo", "--listen", "127.0.0.1:1"], "--listen has no effect without --view"),
         (["up", "--allow-commands"], "--allow-commands has no effect without --view"),
         (["view", "--save", "m.html"], "--save has no effect without a recording"),
-        (["demo", "--advised", "--recording", "robot.log"], "can follow advice"),
         (["demo", "--view", "--listen", "0.0.0.0:8350"], "a loopback address and a port"),
         (["demo", "--recording", "sim:atlantis"], "'atlantis'; the worlds are cross"),
         (["demo", "--recording", "zenoh"], "--recording: a live robot has no end"),

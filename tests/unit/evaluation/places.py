@@ -3,7 +3,6 @@
 from typing import Any
 
 from clustermcl.belief.outcome import Outcome
-from clustermcl.protocol.advice import Way
 from clustermcl.protocol.answers import Belief, Hypothesis, PoseAnswer, State, Status
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.message import Covariance, PoseTuple
@@ -39,14 +38,6 @@ def belief(step: int, state: State, *hypotheses: Hypothesis, **more: Any) -> Bel
         hypotheses=hypotheses,
         **{"searching": False, **more},
     )
-
-
-def straight_way(length_m: float) -> Way:
-    """A way ahead with a pose every 20 cm."""
-    poses = [(0.2 * number, 0.0, 0.0) for number in range(round(length_m / 0.2) + 1)]
-    return Way(
-        poses=tuple(poses), length_m=length_m, turn_rad=0.0, information=0.5, sure_probability=0.5,
-    )  # fmt: skip
 
 
 def outcome(

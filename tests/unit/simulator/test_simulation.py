@@ -95,8 +95,7 @@ def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
 
 def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
     simulation = Simulation(world_from_map(ROOM), 3, start=(1.0, 2.0, 0.0))
-    way = np.array([(0.0, 0.0, 0.0), (0.0, 0.5, 1.57), (0.0, 1.0, 1.57)])
-    simulation.follow(way, (3.0, 2.0, -pi / 2))  # ends at (4, 2)
+    simulation.robot.follow(np.array([(3.5, 2.0), (4.0, 2.0)]))
     while simulation.robot.follows:
         next(simulation)
     assert hypot(simulation.map_from_robot[0] - 4.0, simulation.map_from_robot[1] - 2.0) < 0.45
@@ -104,7 +103,7 @@ def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
     for _ in range(20):
         next(simulation)
     before = simulation.map_from_robot
-    simulation.follow(np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, 2 * pi), 9), before)
+    simulation.robot.turn_round()
     turned = 0.0
     while simulation.robot.follows:
         last = simulation.map_from_robot[2]
