@@ -1,1 +1,1 @@
-"""What a laser scan says of a pose: sensor models, likelihood fields, ray casting."""
+"""What a laser scan says of a pose: the sensor model, likelihood fields, ray casting."""

@@ -24,7 +24,7 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
     words = (*robot, "--set", f"recorder.folder={flights}", *SMALL_FILTER)
     with typed(*words, folder=tmp_path) as recording:
         assert recording.wait(2 * PATIENCE_S) == 0, recording.err
-    file = next((flights / "robot").iterdir()).rename(tmp_path / "<run>.mcap")
+    file = next((flights / "robot").glob("*.mcap")).rename(tmp_path / "<run>.mcap")
     words = ("view", str(file), "--listen", f"127.0.0.1:{port}")
     with typed(*words, folder=tmp_path) as viewer:
         viewer.wait_for("look at")
