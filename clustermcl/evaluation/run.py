@@ -25,7 +25,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
-from clustermcl.recordings.recording import open_recording
+from clustermcl.recordings.recording import Recording, open_recording
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.parent import die_with_parent
 from clustermcl.runtime.settings import BridgeSettings, Settings
@@ -60,6 +60,10 @@ class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     floor: str = ""
     """Floor of the ground truth, if `map` is a building."""
 
+    def opened(self, settings: BridgeSettings) -> Recording:
+        """Read the recording; a recording of another format overrides it."""
+        return open_recording(self.recording, settings)
+
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
     """A robot and the length of a run."""
@@ -93,7 +97,7 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
-            recording = open_recording(robot.recording, settings)
+            recording = robot.opened(settings)
             scans = steps_of(recording, settings, grid_map.digest, grid_map.floors)
             end = None if case.updates is None else start_step + case.updates
             true_steps: Iterator[TrueStep] = (
