@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
-from clustermcl.belief.explained import explains
+from clustermcl.belief.explained import NO_PLACE, explains
 from clustermcl.belief.ledger import Ledger
 from clustermcl.filter.laser.beam_fits import fit_and_through
 from clustermcl.filter.laser.evidence_model import (
@@ -24,8 +24,6 @@ PERHAPS_LIFTED = 0.2
 """Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
 OPEN = 0.02
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
-NO_PLACE = 0.2
-"""Least share of what is new of a scan that a right place explains, without beams through walls."""
 SHORT_LEARNED = 0.15
 """Weight of a scan in the share of short beams."""
 MISSED = 0.25

@@ -6,6 +6,9 @@ from numpy.typing import NDArray
 from clustermcl.filter.laser.beam_fits import fit_and_through
 from clustermcl.protocol.work import TrackReport
 
+NO_PLACE = 0.2
+"""Least share of what is new of a scan that a right place explains, without beams through walls."""
+
 
 def explains(report: TrackReport, beams: NDArray[np.float64]) -> tuple[float, float, float] | None:
     """Return the evidence of a scan's beams at a place: all, but for, and only through walls [nat].

@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief.cluster_set import Cluster
-from clustermcl.belief.explained import explains
-from clustermcl.belief.log_probabilities import normalised_logs
+from clustermcl.belief.explained import NO_PLACE, explains
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.belief.search_pool import Pool, SearchPool
 from clustermcl.filter.settings import FilterSettings
@@ -28,6 +27,8 @@ SCANS = 4
 """Scans that a search for a decoy uses."""
 PATIENCE = 10
 """Steps from the end of a search for a decoy to the next one."""
+LEAST_REST = 1e-6
+"""Least probability of the places of such a search that are not tracked."""
 KEPT_STEPS = 100
 """Largest number of steps by which a search may lag behind the clusters."""
 
@@ -192,22 +193,23 @@ class Decoy(Part):
     ) -> float | None:
         """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
 
-        It is averaged over the decoys, where one that explains more counts more from then on, or
-        that of the decoy which the whole scan fits best, if that is less: chance seldom makes both
-        large.
+        It is averaged over all places of the decoy's search, of which those not tracked explain
+        `NO_PLACE` of them, and one that explains more counts more from then on. Or it is that of
+        the decoy which the whole scan fits best, if that is less: chance seldom makes both large.
         """
         found = [(place, reports.get(place.job_id)) for place in self.places]
         told = [(place, r, each) for place, r in found if r and (each := explains(r, beams))]
         if not told:
             return None
-        weighed = np.array([place.log_probability + each[1] for place, _, each in told])
-        before = np.logaddexp.reduce([place.log_probability for place, _, _ in told])
+        rest = max(1.0 - math.fsum(place.probability for place, _, _ in told), LEAST_REST)
+        of_rest = math.log(rest) + NO_PLACE * float(beams.sum())
+        weighed = np.array([*(place.log_probability + each[1] for place, _, each in told), of_rest])
+        mean = float(np.logaddexp.reduce(weighed))
         moved = {
             place.cluster: replace(place, pose=r.pose, covariance=r.covariance, log_probability=log)
-            for (place, r, _), log in zip(told, normalised_logs(weighed).tolist(), strict=True)
+            for (place, r, _), log in zip(told, (weighed[:-1] - mean).tolist(), strict=True)
         }
         self.places = tuple(moved.get(place.cluster, place) for place in self.places)
-        mean = float(np.logaddexp.reduce(weighed) - before)
         _, _, (_, best, _) = max(told, key=lambda one: one[1].log_likelihood_per_beam)
         return min(mean, best)
 
@@ -223,11 +225,11 @@ class Decoy(Part):
         pool = self.search.on_reports(reports, ())
         if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
             ended += self._end_tracking() + self.search.stop(step, "search over")
-            first, log_share = (self.search.begun - 1) * DECOYS, -math.log(DECOYS)
+            first = (self.search.begun - 1) * DECOYS
             for index in range(min(len(pool.share), DECOYS)):
-                found, number = pool.place(index, 1.0), first + index
+                found, number = pool.place(index, pool.share[index]), first + index
                 place = Cluster(
-                    number, log_share, step, found.pose, found.covariance, mirrored=True
+                    number, math.log(found.share), step, found.pose, found.covariance, mirrored=True
                 )
                 self.places += (place,)
                 begin[place.job_id] = TrackJob(

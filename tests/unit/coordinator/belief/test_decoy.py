@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from clustermcl.belief.bayes_update import weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet, Given
+from clustermcl.belief.explained import NO_PLACE
 from clustermcl.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
 from clustermcl.filter.settings import (
     BeliefSettings,
@@ -72,17 +73,16 @@ def test_further_decoys_are_searched_for_while_off_the_map_is_uncertain(decoy: D
 
 
 def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> None:
-    """Beams through walls explain nothing; of a decoy without a report nothing is known."""
+    """Beams through walls explain nothing; a place that is not tracked explains a fifth."""
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
     beams, at = np.full(4, 2.0), (2.0, 0.0, 0.0)
     fits = {"d0": [1.0] * 4, "d1": [1.0] * 2 + [-1.0] * 2}
     reported = {job: tracked(job, step, 1.0, at, fits=each) for job, each in fits.items()}
-    first, second = math.exp(8.0), math.exp(4.0)
-    assert decoy.explains(reported, beams) == pytest.approx(math.log((first + second) / 2.0))
-    share = first / (first + second)
-    after = math.log(share * first + (1.0 - share) * second)
-    assert decoy.explains(reported, beams) == pytest.approx(after)
+    shares, each = np.array([0.2, 0.2, 0.6]), np.exp([8.0, 4.0, NO_PLACE * 8.0])
+    for _ in range(2):
+        assert decoy.explains(reported, beams) == pytest.approx(math.log(shares @ each))
+        shares = shares * each / (shares @ each)
     assert [one.pose for one in decoy.places].count(at) == 2
     better = replace(reported["d1"], log_likelihood_per_beam=1.0)
     assert decoy.explains({**reported, "d1": better}, beams) == pytest.approx(4.0)
