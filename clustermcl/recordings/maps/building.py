@@ -5,6 +5,9 @@ floors:
   third: {map: third/map.yaml, height_m: 8.4}
 links:
   - {name: north lift, radius_m: 1.5, at: {ground: [12.1, 3.4], third: [12.0, 3.6]}}
+
+Files of `multi_level_map_server` are read too: ``maps`` with ``yaml`` and ``origin`` of each level,
+and ``links`` from one point to another.
 """
 
 import math
@@ -23,7 +26,7 @@ from clustermcl.protocol.answers import MAX_FLOORS
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import MapFileError, printable
 from clustermcl.protocol.floors import MAX_LINKS, Floor, FloorName, Floors, Link
-from clustermcl.protocol.message import Finite
+from clustermcl.protocol.message import Coordinate, Finite
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap
 from clustermcl.runtime.compressed import first_bytes, too_long_problem
 from clustermcl.runtime.yaml_text import yaml_of
@@ -32,7 +35,8 @@ GAP_M = 40.0
 """Distance between floors in the atlas, in unknown ground: indoors, lasers see less far."""
 MAX_BUILDING_BYTES = 64 * 1024
 _SAME_CELL = 1e-6
-_IS_BUILDING = re.compile(rb"^[ \t{]*[\"']?floors[\"']?\s*:", re.MULTILINE)
+_IS_BUILDING = re.compile(rb"^[ \t{]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
+_PACKAGE = re.compile(r"package://[^/]+/|\$\(find [^)]+\)/")
 
 _File: TypeAlias = Annotated[str, Meta(min_length=1)]
 
@@ -54,16 +58,51 @@ class _Building(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(
                     f"link {name!r} names the unknown floor {unknown[0]!r}; floors are {held}"
                 )
+            if len(link.at) < 2:
+                raise ValueError(f"link {name!r} begins and ends on one floor")
 
     def files(self, path: Path) -> dict[str, Path]:
         return {
-            name: path.parent / (floor if isinstance(floor, str) else floor.map)
+            name: _found(floor if isinstance(floor, str) else floor.map, path)
             for name, floor in self.floors.items()
         }
 
     @property
     def heights_m(self) -> dict[str, float]:
         return {n: f.height_m for n, f in self.floors.items() if isinstance(f, _Floor)}
+
+
+class _Level(msgspec.Struct, frozen=True):
+    yaml: _File
+    origin: Annotated[tuple[Finite, ...], Meta(min_length=3, max_length=7)] = (0.0, 0.0, 0.0)
+    """x, y, yaw; or x, y, z and angles or a quaternion."""
+
+
+class _Point(msgspec.Struct, frozen=True):
+    level_id: FloorName
+    point: tuple[Coordinate, Coordinate, Coordinate]
+
+
+class _LevelLink(msgspec.Struct, frozen=True):
+    from_point: _Point
+    to_point: _Point
+
+    def link(self) -> Link:
+        one, other = self.from_point, self.to_point
+        at = {end.level_id: end.point[:2] for end in (one, other)}
+        return Link(f"{one.level_id} - {other.level_id}"[:64], at)
+
+
+class _Levels(msgspec.Struct, frozen=True):
+    maps: Annotated[dict[FloorName, _Level], Meta(min_length=1, max_length=MAX_FLOORS)]
+    links: Annotated[tuple[_LevelLink, ...], Meta(max_length=MAX_LINKS)] = ()
+
+    def building(self) -> _Building:
+        floors: dict[FloorName, str | _Floor] = {
+            name: _Floor(level.yaml, level.origin[2] if len(level.origin) > 3 else 0.0)
+            for name, level in self.maps.items()
+        }
+        return _Building(floors, tuple(link.link() for link in self.links))
 
 
 def is_building(content: bytes) -> bool:
@@ -138,8 +177,10 @@ def _parsed(content: bytes, path: Path) -> _Building:
     if len(content) > MAX_BUILDING_BYTES:
         raise MapFileError(path, too_long_problem(MAX_BUILDING_BYTES))
     values, _ = yaml_of(content, path, MapFileError)
+    kind: Any = _Levels if isinstance(values, dict) and "maps" in values else _Building
     try:
-        return converted(_with_text_keys(values), _Building)
+        read: _Levels | _Building = converted(_with_text_keys(values), kind)
+        return read.building() if isinstance(read, _Levels) else read
     except (ValueError, OverflowError, RecursionError) as error:
         raise MapFileError(path, f"not a building: {printable(str(error))}") from None
 
@@ -154,6 +195,16 @@ def _with_text_keys(value: Any) -> Any:
             for key, each in value.items()
         }
     return value
+
+
+def _found(file: str, building: Path) -> Path:
+    """Return the path of a map; that of a ROS package is looked for above the building's file."""
+    package = _PACKAGE.match(file)
+    if package is None:
+        return building.parent / file
+    rest = file[package.end() :]
+    above = (folder / rest for folder in building.absolute().parents)
+    return next((each for each in above if each.is_file()), building.parent / rest)
 
 
 def _size_problem(maps: Mapping[str, GridMap]) -> str:

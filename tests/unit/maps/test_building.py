@@ -75,12 +75,23 @@ def test_floors_may_differ_in_resolution_and_be_turned(tmp_path: Path) -> None:
             assert atlas.cells[at] == coarse_turned.cells[row, col]
 
 
-def test_numbers_may_be_names_of_floors(tmp_path: Path) -> None:
-    text = "floors: {1: ground.yaml, 3: third.yaml}\n"
-    text += "links: [{name: lift, at: {1: [1, 4], 3: [3, -1]}}]"
-    floors = load_map(write_building(tmp_path, text)).floors
-    assert floors.names == ("1", "3")
-    assert floors.links[0].at == {"1": (1.0, 4.0), "3": (3.0, -1.0)}
+def test_buildings_of_multi_level_map_server_are_read(tmp_path: Path) -> None:
+    (tmp_path / "maps" / "multi").mkdir(parents=True)
+    write_building(tmp_path)
+    path = tmp_path / "maps" / "multi" / "multimap.yaml"
+    path.write_text(
+        "maps:\n"
+        "  1: {yaml: package://gdc/ground.yaml, origin: [0, 0, 0, 0, 0, 0]}\n"
+        "  third: {yaml: ../../third.yaml, origin: [0, 0, 5, 0, 0, 0], data_directory: x}\n"
+        "links:\n"
+        "  - from_point: {level_id: '1', point: [1, 4, 0]}\n"
+        "    to_point: {level_id: third, point: [3, -1, 0]}\n"
+    )
+    floors = load_map(path).floors
+    assert [(floor.name, floor.height_m) for floor in floors.floors] == [
+        ("1", 0.0), ("third", 5.0)
+    ]  # fmt: skip
+    assert floors.links[0].at == {"1": (1.0, 4.0), "third": (3.0, -1.0)}
 
 
 def test_a_building_travels_as_a_message(tmp_path: Path) -> None:
@@ -111,6 +122,9 @@ TWO = "floors: {ground: ground.yaml, third: third.yaml}\n"
      "'lift' is outside of floor 'third'"),
     (TWO + "links: [{name: a, radius_m: -1, at: {ground: [1, 4], third: [3, 1]}}]", "radius_m"),
     (TWO + "links: [{name: a, radius_m: 1e9, at: {ground: [1, 4], third: [3, 1]}}]", "radius_m"),
+    ("maps: {ground: {yaml: ground.yaml, origin: [0, .inf, 0]}}", "not a building"),
+    ("maps: {a: {yaml: ground.yaml}, b: {yaml: third.yaml}}\nlinks: [{from_point: {level_id: a, "
+     "point: [0, 4, 0]}, to_point: {level_id: a, point: [1, 4, 0]}}]", "ends on one floor"),
     (TWO + "x: [" * 5000, "not YAML"),
 ])  # fmt: skip
 def test_an_unusable_building_is_refused(tmp_path: Path, text: str, says: str) -> None:
