@@ -82,12 +82,6 @@ class LaserScan:
         """(n,) directions of the beams in the laser's frame [rad]."""
         return np.asarray(self.angle_min + self.angle_step * np.arange(len(self.ranges)))
 
-    def beams(
-        self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
-    ) -> Beams:
-        """Return the beams with the (B,) indices `chosen` into the (n,) `ranges`."""
-        return Beams(ranges[chosen], self.angles[chosen], self.robot_from_laser, max_range_m)
-
 
 @dataclass(frozen=True, eq=False)
 class SensorModel:
@@ -136,7 +130,8 @@ class SensorModel:
         """Choose beams that returned; the ends of the others are unknown."""
         longest = min(scan.range_max_m, self.settings.max_range_m)
         ranges = np.asarray(scan.ranges, np.float64)
-        return scan.beams(ranges, usable_beams(ranges, longest, max_beams), longest)
+        chosen = usable_beams(ranges, longest, max_beams)
+        return Beams(ranges[chosen], scan.angles[chosen], scan.robot_from_laser, longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""
