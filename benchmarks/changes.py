@@ -81,8 +81,8 @@ def print_found(name: str, robot: RecordedRobot, true: GridMap) -> None:
 def drives_of_gdc(folder: Path) -> None:
     """Drive in the building of 2019 with the map of 2016, and with maps learned in some steps.
 
-    No map can tell what the learning robot has not seen: the building known there, and mapped as in
-    2016 elsewhere, is the best possible.
+    A new map lacks what the learning robot has not seen. So the third map compared here is the
+    true one where that robot's beams have been, and that of 2016 elsewhere.
     """
     file, world = (folder / f"f2_{year}.yaml" for year in (2016, 2019))
     robot, old, true = SimulatedRobot(world=str(world), map=file), load_map(file), load_map(world)

@@ -58,8 +58,8 @@ JUMP_M, JUMP_SHARE = 0.6, 0.2
 JUMP_RAD, JUMP_RAD_PER_M = 0.35, 0.05
 """If another cluster is the best, and differs more from the last pose and odometry since, the robot
 was wrong."""
-MOST_RECORDS = 50_000
-"""Limit for the cells that were contradicted; 5 MB."""
+MOST_SEEN, MOST_RECORDS = 2**16, 2**17
+"""Limits for the cells that one laser sees, and for those that were contradicted: 8 MB."""
 SIGMA_M, SIGMA_RAD = 0.5, 0.1
 """Poses that are less certain are not used."""
 MOST_WAITING = 60
@@ -97,7 +97,7 @@ class ChangeCollector:
         self._codes = codes_of(coarse(grid_map.cells, every))
         self.seen_min = np.zeros(self._codes.shape, np.int32)
         self._in_cells = to_cells(np.array(grid_map.map_from_grid), self.cell_m)
-        self._out = np.empty((2**16, 2), np.int32)
+        self._out = np.empty((MOST_SEEN, 2), np.int32)
         self.records = np.empty(0, RECORD)
         """By cell."""
         self._trusted = self._recent = (self.records, 1)
@@ -111,9 +111,10 @@ class ChangeCollector:
         """Scans since the robot was last localized, and the places after each, by cluster."""
 
     def on_step(self, scan: Scan, state: State, places: Sequence[Hypothesis]) -> None:
-        """Collect what a scan shows, if the robot is localized after it.
+        """Collect what a scan and those that wait show, if the robot is localized after it.
 
-        The places are those of the belief after it, the most probable first.
+        The places are those of the belief after it, the most probable first. A scan that waits is
+        collected from where the place that is now certain was then.
         """
         self.stamp_ns = scan.stamp_ns
         odometry = np.array(scan.odom_from_robot)
@@ -160,8 +161,7 @@ class ChangeCollector:
         kept, rows_cols = all_of[shown], self._codes.shape
         cells = [kept["cell"], kind[shown], kept["sights"], kept["changes"]]
         ground = self._codes & GROUND > 0
-        lately = self.seen_min > minute_of(self.stamp_ns) - FORGOTTEN_S / 60.0
-        lately &= self.seen_min > 0
+        lately = self.seen_min > max(minute_of(self.stamp_ns) - FORGOTTEN_S / 60.0, 0.0)
         return Changes(
             sender=sender,
             map_digest=self.map.digest,
@@ -172,7 +172,7 @@ class ChangeCollector:
             map_from_grid=self.map.map_from_grid,
             cells=ArrayBlob.of(np.column_stack(cells), "int32"),
             times_s=ArrayBlob.of(np.column_stack([kept["since_s"], kept["seen_s"]]), "float64"),
-            seen_share=float(np.mean(lately[ground])) if ground.any() else 0.0,
+            seen_share=float((lately & ground).sum() / max(ground.sum(), 1)),
             zlib_seen_min=zlib.compress(self.seen_min.data, level=1),
         )
 
@@ -228,11 +228,9 @@ class ChangeCollector:
     def _update(self, seen: NDArray[np.int32], place: Pose, stamp_s: float) -> None:
         """Weigh what one laser has seen of cells, each at most once."""
         if len(self.records) + len(seen) > MOST_RECORDS:
-            self.records = self.records[self.records["changes"] > 0]
+            self.records = self.records[self.records["changes"] > 0][: MOST_RECORDS - len(seen)]
             self._watch()
         seen = seen[np.argsort(seen[:, 0])]
-        is_new = (self._codes.reshape(-1)[seen[:, 0]] & WATCHED) == 0
-        seen = seen[~is_new | (np.cumsum(is_new) + len(self.records) <= MOST_RECORDS)]
         records = self._with(seen[:, 0], stamp_s)
         at = np.searchsorted(records["cell"], seen[:, 0])
         of = records.take(at)
@@ -277,7 +275,7 @@ class ChangeCollector:
 
 
 def _checked(data: bytes, cells: int) -> NDArray[np.void]:
-    """Return records of a file; a ValueError says that they are impossible."""
+    """Return the records of a file; raises ValueError if they are impossible."""
     records = np.frombuffer(data[: MOST_RECORDS * RECORD.itemsize], RECORD)
     for name, (_, least, most) in _FIELDS.items():
         if not ((records[name] >= least) & (records[name] <= most)).all():

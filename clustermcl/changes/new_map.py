@@ -35,29 +35,24 @@ def joined(of_robots: Sequence[Changes]) -> Changes:
     """
     first = of_robots[0]
     grid = first.map_digest, first.rows, first.cols
-    last_s = np.full(first.rows * first.cols, -np.inf)
-    last_of = np.zeros(last_s.shape, np.int64)
-    for number, each in enumerate(of_robots):
+    for each in of_robots:
         if (each.map_digest, each.rows, each.cols) != grid:
             raise OtherMapError(expected=first.map_digest, found=each.map_digest)
-        minute = each.seen_min().ravel()
-        seen_s = np.where(minute > 0, 60.0 * (minute - 1), -np.inf)
-        seen_s[each.cells.array()[:, 0]] = each.times_s.array()[:, 1]
-        last_of[seen_s > last_s] = number
-        np.maximum(last_s, seen_s, out=last_s)
-    parts = [e.chosen(last_of[e.cells.array()[:, 0]] == n) for n, e in enumerate(of_robots)]
-    cells, times_s = (
-        np.concatenate([part.array() for part in column])
-        for column in ([e.cells for e in parts], [e.times_s for e in parts])
-    )
+    seen_min = np.array([each.seen_min() for each in of_robots])
+    seen_s = np.where(seen_min > 0, 60.0 * (seen_min - 1), -np.inf).reshape(len(of_robots), -1)
+    for of_robot, each in zip(seen_s, of_robots, strict=True):
+        of_robot[each.cells.array()[:, 0]] = each.times_s.array()[:, 1]
+    last = seen_s.argmax(axis=0)
+    parts = [each.chosen(last[each.cells.array()[:, 0]] == n) for n, each in enumerate(of_robots)]
+    cells = np.concatenate([part.cells.array() for part in parts])
+    times_s = np.concatenate([part.times_s.array() for part in parts])
     order = np.argsort(cells[:, 0])
-    seen_min = np.maximum.reduce([each.seen_min() for each in of_robots])
     return replace(
         max(of_robots, key=lambda each: each.stamp_ns),
         cells=ArrayBlob.of(cells[order], "int32"),
         times_s=ArrayBlob.of(times_s[order], "float64"),
         seen_share=max(each.seen_share for each in of_robots),
-        zlib_seen_min=zlib.compress(seen_min.data),
+        zlib_seen_min=zlib.compress(seen_min.max(axis=0).data),
     )
 
 
