@@ -208,6 +208,10 @@ def run(tree: Path, path: str, source: str | None, tests: list[str]) -> None:
     sys.path.insert(0, str(tree))
     if source is not None:
         (tree / path).write_text(source)
+        if path.startswith(COMPILED):  # a build takes the sources of the installed tree
+            from clustermcl.jobs import warm_up  # noqa: PLC0415 - the tree's, for tests/conftest.py
+
+            warm_up.compile_kernels = lambda _: None  # numba compiles those that are called
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p", "no:timeout",
                "-o", "timeout=0", "-W", "ignore::pytest.PytestAssertRewriteWarning",
                "-W", "ignore::pytest.PytestConfigWarning",
