@@ -35,6 +35,11 @@ def test_on_a_straight_drive_the_new_share_depends_on_the_distance_since_the_las
     assert others == pytest.approx([1.0 - math.exp(-0.25)] * 50, rel=1e-5)
 
 
+def test_the_memory_of_the_present_scan_holds_it_once() -> None:
+    again, next_one = weights([DRIVE], PERFECT, ViewMemory.of_this_scan())
+    assert (again, next_one) == (0.0, pytest.approx(1.0 - math.exp(-0.25), rel=1e-5))
+
+
 def test_a_robot_that_stands_sees_nothing_new() -> None:
     assert weights([(0.0, 0.0, 0.0)] * 9) == [1.0, *[0.0] * 9]
 
