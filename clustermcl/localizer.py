@@ -314,8 +314,7 @@ class ClusterMCL(RobotCommands):
             radius_m=radius_m,
             sender=_SENDER,
         )
-        model, marks = self._model, self.map.landmarks
-        return advice(question, belief.scan, model, self._settings, _SENDER, marks)
+        return advice(question, belief.scan, self._model, self._settings, _SENDER)
 
     def changes(self) -> Changes:
         """Return what has changed in the building since it was mapped, as far as it was seen."""

@@ -99,8 +99,6 @@ def advice_lines(answer: Advice) -> Iterator[str]:
         )
         if way.rest:
             yield f"     ask again at {math.hypot(*way.poses[-1][:2]):.1f} m"
-        if way.landmarks:
-            yield f"     landmarks in sight at some places: {', '.join(way.landmarks)}"
     if answer.note:
         yield answer.note
 

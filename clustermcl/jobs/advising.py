@@ -1,7 +1,5 @@
 """A worker's advice: from a belief to ways that distinguish its places."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from msgspec.structs import replace
 
@@ -10,12 +8,11 @@ from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import residual
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.scan_arrays import scan_beams, scan_of_laser
 from clustermcl.protocol.advice import Advice, AdviceQuestion, Way
 from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
-from clustermcl.protocol.steps import Landmark, Scan
+from clustermcl.protocol.steps import Scan
 
 PROBABLY_ELSEWHERE = 0.5
 LOST = "the robot is probably at another place: wait for the search"
@@ -27,7 +24,6 @@ def advice(
     model: SensorModel,
     settings: FilterSettings,
     sender: str,
-    landmarks: Sequence[Landmark] = (),
 ) -> Advice:
     """Answer a question about the belief after the step of a scan, in the map of the model."""
     head = Advice(
@@ -43,7 +39,7 @@ def advice(
         known = "only one place is possible: there is nothing to distinguish"
         note = LOST if is_lost else known if count else "no place is known yet: first, a search"
         return replace(head, note=note)
-    ways, spots = advised_ways(_question(asked, scan, model, landmarks), model, settings)
+    ways, spots = advised_ways(_question(asked, scan, model), model, settings)
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
@@ -52,7 +48,6 @@ def advice(
             gains=tuple(way.gains.tolist()),
             information=way.information,
             sure_probability=min(way.sure_probability, 1.0),
-            landmarks=tuple(sorted(way.landmarks)),
         )
         for way in ways
     )
@@ -66,9 +61,7 @@ def advice(
     return replace(head, ways=made, note=note, spots=tuple(map(pose_tuple, spots)))
 
 
-def _question(
-    asked: AdviceQuestion, scan: Scan, model: SensorModel, landmarks: Sequence[Landmark]
-) -> Question:
+def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question:
     places = asked.hypotheses
     poses = np.array([place.pose for place in places])
     beams, fit = scan_beams(scan, model), 0.0
@@ -84,5 +77,4 @@ def _question(
         ViewMemory(asked.views),
         asked.gate_distance_m,
         asked.gate_turn_rad,
-        Landmarks.of((each.name, each.x, each.y, each.sigma) for each in landmarks),
     )

@@ -94,8 +94,6 @@ class Way(Part, frozen=True, kw_only=True):
     """Mean of these, weighted by the probability that the place is right."""
     sure_probability: Probability
     """Probability that the robot is localized after the way."""
-    landmarks: tuple[str, ...] = ()
-    """Landmarks that are in sight on the way at some places."""
 
 
 class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):

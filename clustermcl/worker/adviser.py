@@ -80,5 +80,5 @@ def _compute(task: Advise, sender: str, connection: Connection, parent_pid: int)
         os.nice(NICENESS)
     from clustermcl.jobs.advising import advice  # noqa: PLC0415 - scipy, only in the child
 
-    answer = advice(task.asked, task.scan, task.model, task.settings, sender, task.landmarks)
+    answer = advice(task.asked, task.scan, task.model, task.settings, sender)
     connection.send_bytes(encode(answer))

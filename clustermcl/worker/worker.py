@@ -19,7 +19,7 @@ from clustermcl.protocol.errors import (
     printable,
 )
 from clustermcl.protocol.live_settings import AS_STARTED
-from clustermcl.protocol.steps import Landmark, MapMessage, Scan
+from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.protocol.work import Report
 from clustermcl.worker.job_table import RECENT_SCANS, JobTable, MissingScans
 
@@ -70,7 +70,6 @@ class Advise(msgspec.Struct, frozen=True):
     scan: Scan
     model: SensorModel
     settings: FilterSettings
-    landmarks: tuple[Landmark, ...]
 
 
 Instruction: TypeAlias = Report | Answer | FetchMap | BuildModel | FetchScans | Warn | Advise
@@ -136,7 +135,6 @@ class Worker:
         self._name = name
         self._table, self._fence = JobTable(name), TermFence()
         self._map: MapMessage | None = None
-        self._landmarks: tuple[Landmark, ...] = ()
         self._model: SensorModel | None = None
         self._model_digest = self._ordered_map = ""
         self._preparing = False
@@ -183,7 +181,7 @@ class Worker:
         elif (wrong := ViewMemory(asked.views).problem) is not None:
             problem = wrong
         else:
-            return [Advise(question, asked, scan, model, settings, self._landmarks)]
+            return [Advise(question, asked, scan, model, settings)]
         return [Answer(question, Advice(sender=self._name, note=problem))]
 
     # --- scans
@@ -298,7 +296,6 @@ class Worker:
 
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
         self._preparing, self._model, self._model_digest = False, model, map_digest
-        self._landmarks = self._map.landmarks if self._map else self._landmarks
         return self._continue()
 
     def on_map(self, message: MapMessage) -> list[Instruction]:

@@ -17,10 +17,8 @@ from clustermcl.jobs.advising import advice
 from clustermcl.protocol.advice import Advice, AdviceQuestion
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.steps import Landmark
 from clustermcl.protocol.validity import problem_of
 from tests.fuzz.effort import cases
-from tests.fuzz.test_decisions import LANDMARKS
 from tests.unit.evaluation.places import place
 from tests.unit.worker.test_advising import SCAN
 
@@ -63,16 +61,16 @@ RANGES = st.lists(st.floats(width=32) | st.just(math.nan), min_size=181, max_siz
 
 
 @cases(0.005)
-@given(asked=questions(), landmarks=LANDMARKS, ranges=st.none() | RANGES.map(np.array))
+@given(asked=questions(), ranges=st.none() | RANGES.map(np.array))
 def test_every_allowed_question_gets_an_answer_that_can_be_sent(
-    asked: AdviceQuestion, landmarks: list[Landmark], ranges: NDArray[np.float64] | None
+    asked: AdviceQuestion, ranges: NDArray[np.float64] | None
 ) -> None:
     scan = SCAN
     if ranges is not None:
         scan = replace(scan, ranges=ArrayBlob.of(ranges.astype("<f4"), "float32"))
     if problem_of(asked) is not None:
         return
-    answer = advice(asked, scan, room(), FILTER, "worker-0", landmarks)
+    answer = advice(asked, scan, room(), FILTER, "worker-0")
     sent = decode(encode(answer), Advice)
     assert len(sent.ways) <= 6
     for way in sent.ways:

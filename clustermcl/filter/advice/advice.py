@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from clustermcl.filter.advice.landmark_views import landmark_evidence
 from clustermcl.filter.advice.roads import SPACING_M, Roads, roads_of
 from clustermcl.filter.arrays import Points, Pose, Poses
 from clustermcl.filter.cluster.view_memory import ViewMemory
@@ -25,7 +24,6 @@ from clustermcl.filter.kernels.compiled import plain
 from clustermcl.filter.laser.evidence_model import evidence_weight, scan_exponent
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
-from clustermcl.filter.observations.kind import NO_LANDMARKS, Landmarks
 from clustermcl.filter.poses import compose, heading_distance
 from clustermcl.filter.settings import FilterSettings
 
@@ -78,8 +76,6 @@ class Way:
     """Mean of these, weighted by the probability that the place is right [nat]."""
     sure_probability: float
     """Probability that one place has the probability that `localized` needs, after the way."""
-    landmarks: frozenset[str]
-    """Names of landmarks that are in sight on the way at some places."""
 
     @property
     def end(self) -> Points:
@@ -114,8 +110,6 @@ class Question:
     """Distance between two steps [m]."""
     gate_rad: float
     """Turn between two steps [rad]."""
-    landmarks: Landmarks = NO_LANDMARKS
-    """Those of the map."""
 
 
 def advised_ways(
@@ -134,20 +128,16 @@ def advised_ways(
         expected information of a new view there [nat], the most of all looked at headings.
     """
     roads = roads_of(question.places, question.covariances, question.radius_m, model.grid)
-    shares, looked = _shares(question, model, settings)
+    shares = _shares(question, model, settings)
     views = _views(question, model, settings, roads)
-    for seen in views.seen.values():
-        np.maximum(seen.sights - looked, 0.0, out=seen.sights)
     ways = _ways(question, shares, settings, views)
-    return _best(ways, question, shares), _spots(question, shares, settings, views)
+    return _best(ways, question, shares), _spots(question, shares, views)
 
 
 def _shares(
     question: Question, model: SensorModel, settings: FilterSettings
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> NDArray[np.float64]:
     """Return the (K,) probabilities that each place is the right one, which sum to one.
-
-    And (K, K) the expected evidence of landmarks in sight from earlier views.
 
     The likelihood field has no evidence against a place whose obstacles were not seen, so the
     belief keeps it. Here a place that earlier views would have shown to be right has less, so that
@@ -156,39 +146,19 @@ def _shares(
     views = question.seen.rows
     most = _MAX_PAST if len(question.places) <= _MANY else _MAX_PAST_OF_MANY
     laser = _thinned(question.laser, settings.sensor.max_beams)
-    expected, looked = np.zeros((2, len(question.places), len(question.places)))
+    expected = np.zeros((len(question.places), len(question.places)))
     for view in views[np.argsort(-views[:, 3], kind="stable")[:most]]:
-        seen = _seen(view[:3], question, laser, model)
-        expected += view[3] * _counted(seen, question, settings)
-        np.maximum(looked, view[3] * seen.sights, out=looked)
-    expected += looked
+        expected += view[3] * _evidence(view[:3], question, laser, model, settings)
     shares = question.probabilities / question.probabilities.sum()
     others = (1.0 - shares + 1e-9) / (len(shares) - 1)
     found = np.maximum(np.log(shares / others), 0.0)
     missed = np.maximum(np.maximum(expected - expected.T, 0.0) @ shares - found, 0.0)
     shares = shares * np.exp(missed.min() - missed)
-    return np.asarray(shares / shares.sum()), looked
-
-
-def _counted(seen: "_Seen", question: Question, settings: FilterSettings) -> NDArray[np.float64]:
-    """Return (K, K) how much of the evidence of a view will count."""
-    worth = evidence_weight(1.0, question.residual, settings.belief)
-    return np.asarray(worth * seen.evidence**2 / (seen.evidence + EVIDENCE_NOISE))
+    return np.asarray(shares / shares.sum())
 
 
 View = tuple[int, int]
 """A spot, and the robot's heading there in eighths of a turn."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """The evidence that is expected at a view."""
-
-    evidence: NDArray[np.float64]
-    """(K, K) expected evidence of one new view for the place of the row, against the column's."""
-    sights: NDArray[np.float64]
-    """(K, K) expected evidence of landmarks in sight; each counts once."""
-    landmarks: frozenset[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +167,8 @@ class _Views:
 
     ways: list[tuple[Poses, int, dict[View, tuple[float, float]]]]
     """Poses, how many are sure, and the metres and radians driven with each view."""
-    seen: dict[View, _Seen]
+    evidence: dict[View, NDArray[np.float64]]
+    """(K, K) expected evidence of each view, if it is new; see `_evidence`."""
     spots: NDArray[np.float64]
     """(S, 2) x, y of each spot in the robot's frame [m]."""
 
@@ -223,7 +194,8 @@ def _views(
     ways.append((turned, len(turned), dict.fromkeys(headings, (0.0, math.tau / len(headings)))))
     views = _Views(ways, {}, roads.nodes[roads.spots])
     for view in dict.fromkeys(view for *_, driven in ways for view in driven):
-        views.seen[view] = _seen(views.pose_of(view), question, thin, model)
+        at = views.pose_of(view)
+        views.evidence[view] = _evidence(at, question, thin, model, settings)
     return views
 
 
@@ -266,8 +238,13 @@ def _driven(
     return poses, roads.count_sure(nodes), views
 
 
-def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) -> _Seen:
-    """Predict the scan of each place at a spot, and weigh it at all places."""
+def _evidence(
+    spot: Pose, question: Question, laser: LaserScan, model: SensorModel, settings: FilterSettings
+) -> NDArray[np.float64]:
+    """Predict the scan of each place at a spot, and weigh it at all places.
+
+    Return the (K, K) evidence that will count for the place of the row, against the column's.
+    """
     count = len(question.places)
     at = compose(question.places, spot)
     ranges = cast(at, laser, model)
@@ -283,7 +260,8 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
             continue  # nothing is in range, so nothing is weighed
         fits = model.log_likelihood(poses, beams).reshape(count, len(offsets)).max(axis=1)
         evidence[k] = scan_exponent(beams.count, model.settings) * np.maximum(fits[k] - fits, 0.0)
-    return _Seen(evidence, *landmark_evidence(at, around, question.landmarks, model))
+    worth = evidence_weight(1.0, question.residual, settings.belief)
+    return np.asarray(worth * evidence**2 / (evidence + EVIDENCE_NOISE))
 
 
 def _ways(
@@ -292,32 +270,26 @@ def _ways(
     rules = settings.belief
     per_metre = _new_view(question.gate_m, rules.view_distance_m)
     per_radian = _new_view(question.gate_rad, rules.view_turn_rad)
-    poses = np.array([views.pose_of(view) for view in views.seen])
-    new = dict(zip(views.seen, question.seen.new_share(poses, rules), strict=True))
-    informs = {view: _counted(seen, question, settings) for view, seen in views.seen.items()}
+    poses = np.array([views.pose_of(view) for view in views.evidence])
+    new = dict(zip(views.evidence, question.seen.new_share(poses, rules), strict=True))
     ways = []
     for poses, sure_poses, driven in views.ways:
-        # Of landmarks, the most informative view counts: others may see the same ones.
-        total = np.max([views.seen[view].sights for view in driven], axis=0)
+        total = np.zeros((len(shares), len(shares)))
         for view, (metres, radians) in driven.items():
-            total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
+            total += (metres * per_metre + radians * per_radian) * new[view] * views.evidence[view]
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
         turn = float(heading_distance(poses[1:, 2], poses[:-1, 2]).sum())
         gains, sure = expected_gains(question.probabilities, total, rules.localized_probability)
         information = max(float(shares @ gains), 0.0)
         sure_share = float(question.probabilities.sum() * shares @ sure)
         parts = poses[:sure_poses], poses[sure_poses:]
-        marks = frozenset[str]().union(*(views.seen[view].landmarks for view in driven))
-        ways.append(Way(*parts, length, turn, gains, information, sure_share, marks))
+        ways.append(Way(*parts, length, turn, gains, information, sure_share))
     return ways
 
 
-def _spots(
-    question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
-) -> NDArray[np.float64]:
+def _spots(question: Question, shares: NDArray[np.float64], views: _Views) -> NDArray[np.float64]:
     told = np.zeros(len(views.spots))
-    for view, seen in views.seen.items():
-        evidence = _counted(seen, question, settings) + seen.sights
+    for view, evidence in views.evidence.items():
         gains, _ = expected_gains(question.probabilities, evidence, 0.5)
         told[view[0]] = max(told[view[0]], float(shares @ gains))
     return np.column_stack([views.spots, told])

@@ -15,10 +15,8 @@ from clustermcl.filter.advice.advice import (
     advised_ways,
     expected_gains,
 )
-from clustermcl.filter.advice.landmark_views import SIGHT_M
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose
 from clustermcl.filter.cluster.view_memory import ViewMemory
-from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.pose_arrays import pose_tuple
@@ -113,27 +111,6 @@ def test_no_way_distinguishes_equal_flats() -> None:
     assert ways == []
     assert np.hypot(*spots[:, :2].T).max() > 5.0
     assert np.all(spots[:, 2] < 0.01)
-
-
-TAG = Landmarks.of([("tag", 19.5, 2.0, 0.05)])
-"""On the far wall of the second flat."""
-
-
-def test_ways_lead_to_a_landmark_that_only_one_place_has() -> None:
-    cells = two_flats(cupboard=False)
-    ways = ways_in(cells, replace(ASKED, landmarks=TAG))
-    assert ways
-    for way in ways:
-        assert way.landmarks == {"tag"}
-        assert way.poses[-1, 0] > 7.5 - SIGHT_M
-        assert way.information > LEAST_INFORMATION
-    behind_wall = replace(ASKED, landmarks=Landmarks.of([("tag", 19.5, -1.0, 0.05)]))
-    assert ways_in(cells, behind_wall) == []
-
-
-def test_a_landmark_that_was_not_seen_is_not_looked_for_again() -> None:
-    asked = replace(ASKED, landmarks=TAG, seen=seen_at((6.0, 0.0, 0.0)))
-    assert ways_in(two_flats(cupboard=False), asked) == []
 
 
 def clearance_m(way: Way, place: Pose, cells: Cells) -> float:

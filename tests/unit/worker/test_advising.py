@@ -11,8 +11,7 @@ from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.advising import advice
 from clustermcl.link.node import Node
 from clustermcl.protocol.advice import Advice, AdviceQuestion
-from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.steps import Landmark, Scan
+from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.step_maker import StepMaker
@@ -61,19 +60,10 @@ def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
     assert (reported.step, reported.stamp_ns) == (SCAN.step, SCAN.stamp_ns)
 
 
-def test_a_tag_in_one_arm_of_a_cross_distinguishes_the_arms() -> None:
-    """Of four equal arms; the way leads from each arm into the next ones."""
+def test_equal_arms_of_a_cross_cannot_be_distinguished() -> None:
     equal = computed_model(world("cross").map.grid, SETTINGS.sensor)
     arms = question((0.0, 5.0, 1.57), (5.0, 0.0, 0.0), (0.0, -5.0, -1.57), (-5.0, 0.0, 3.14))
-    tag = Landmark(name="east", x=7.7, y=0.0, sigma=0.05)
-    alike = advice(arms, SCAN, equal, SETTINGS, "worker-0")
-    assert "cannot be distinguished" in alike.note
-    told = advice(arms, SCAN, equal, SETTINGS, "worker-0", [tag])
-    assert told.ways
-    assert told.note == ""
-    assert all(way.landmarks == ("east",) for way in told.ways)
-    assert max(spot[2] for spot in told.spots) > 10.0 * max(spot[2] for spot in alike.spots)
-    decode(encode(told), Advice)
+    assert "cannot be distinguished" in advice(arms, SCAN, equal, SETTINGS, "worker-0").note
 
 
 def test_without_a_second_place_a_note_has_the_reason() -> None:
@@ -105,9 +95,7 @@ def test_a_question_is_computed_with_the_model_and_the_scan_of_its_step() -> Non
     assert "no scan of step 0" in note_of(worker.on_advice_query("early", asked))
     worker._table.on_scan(SCAN)
     assert "bytes of views" in note_of(worker.on_advice_query("odd", replace(asked, views=b"1")))
-    assert worker.on_advice_query("good", asked) == [
-        Advise("good", asked, SCAN, MODEL, SETTINGS, ())
-    ]
+    assert worker.on_advice_query("good", asked) == [Advise("good", asked, SCAN, MODEL, SETTINGS)]
 
 
 class Query:
@@ -133,7 +121,7 @@ def node() -> Node:
 
 
 def task(asked: AdviceQuestion, query: Query) -> Advise:
-    return Advise(query, asked, SCAN, MODEL, SETTINGS, ())
+    return Advise(query, asked, SCAN, MODEL, SETTINGS)
 
 
 def test_a_child_answers_one_question_and_of_those_that_wait_only_the_newest(node: Node) -> None:
