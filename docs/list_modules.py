@@ -37,19 +37,13 @@ def renewed(page: str) -> str:
 
 
 def picture() -> Iterator[str]:
-    """Draw the packages as rows of boxes."""
+    """List the packages in rows."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
     rows = [[room.strip() for room in layer.split("|")] for layer in layers]
-    lines = [[f" {room:<14} {summary(source(room))} " for room in row] for row in rows]
-    width = max(len(line) for row in lines for line in row)
-    yield "```"
-    yield f"┌{'─' * width}┐"
-    for row in lines:
-        if row is not lines[0]:
-            yield f"├{'─' * width}┤  ↓ imports"
-        yield from (f"│{line:<{width}}│" for line in row)
-    yield f"└{'─' * width}┘"
+    lines = [[f"{room:<15} {summary(source(room))}" for room in row] for row in rows]
+    yield "```text"
+    yield from "\n\n".join("\n".join(row) for row in lines).splitlines()
     yield "```"
 
 
