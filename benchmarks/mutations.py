@@ -42,17 +42,23 @@ ROOT = Path(__file__).parents[1]
 REASONS = Path(__file__).with_name("mutation_reasons.toml")
 LEFT_OUT = {"__init__", "arrays", "compiled", "settings"}
 """No decisions in them: types, the compiler's door, defaults that the experiments hold."""
-TESTS = ("filter", "coordinator/belief", "coordinator/test_coordinator.py",
-         "coordinator/test_free_ground.py", "coordinator/test_handed_on_beliefs.py",
-         "coordinator/test_pose_tracker.py", "changes", "oracle", "worker/test_job")  # fmt: skip
-SLOW = ("test_kernels.py", "test_kernels_as_plain_python.py")
-"""They start processes and test the compiler's cache."""
+FILTER, KERNELS = "clustermcl/filter", "clustermcl/filter/kernels"
+TESTS = tuple(f"tests/unit/{part}" for part in (
+    "filter", "coordinator/belief", "coordinator/test_", "changes", "worker/test_",
+    "clustermcl/test_replay.py", "evaluation/test_rides.py", "sensor_bridge/test_floor",
+    "sensor_bridge/test_pending", "sensor_bridge/test_sources",
+))  # fmt: skip
+SLOW = ("test_kernels_as_plain_python.py",)
+"""It starts processes."""
+OF_LIBRARY = "test_warm_up.py"
+"""It builds the library of kernels, so it is for the modules that load it only."""
 NEAR = 2
-"""Imports from a test file to a module; `tests/unit/oracle` is near to all."""
-LIMIT_CPU_S = 120
+"""Imports from a test file to a module."""
+ORACLE = ("test_belief_against_grid.py", "test_best_way.py", "test_search_against_grid.py")
+NEAR_TO_ALL = {FILTER: ORACLE, "clustermcl/jobs": ORACLE,
+               "clustermcl/belief": (*ORACLE, "/test_coordinator.py")}  # fmt: skip
+LIMIT_CPU_S = 240
 KILLER = "killer.txt"
-COMPILED = "clustermcl/filter"
-"""Where numba keeps machine code; of a mutated file it is thrown away."""
 
 SWAPPED: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE),
@@ -124,6 +130,8 @@ class Mutant:
     tree: ast.AST
     node: ast.AST
     variant: ast.AST
+    is_compiled: bool
+    """Whether machine code depends on it."""
 
     def source(self) -> str:
         """The whole file with it."""
@@ -136,6 +144,9 @@ def mutants(root: Path) -> list[Mutant]:
     found = []
     for path in modules(root):
         tree, seen = ast.parse((root / path).read_text()), Counter[str]()
+        kernels = [f.name for f in ast.walk(tree) if isinstance(f, ast.FunctionDef)
+                   and any(ast.unparse(each) == "kernel" for each in f.decorator_list)]  # fmt: skip
+        is_filter = path.startswith(FILTER)
         for where, parent, node in sites(tree):
             for variant in variants(node):
                 if ast.unparse(variant) == ast.unparse(node):
@@ -143,7 +154,8 @@ def mutants(root: Path) -> list[Mutant]:
                 key = f"{path}:{where}: {_change(parent, node, variant)}"
                 seen[key] += 1
                 name = key if seen[key] == 1 else f"{key} #{seen[key]}"
-                found.append(Mutant(name, path, tree, node, variant))
+                is_compiled = is_filter and (not where or where in kernels)
+                found.append(Mutant(name, path, tree, node, variant, is_compiled))
     return found
 
 
@@ -163,12 +175,14 @@ def tests_near(root: Path, path: str) -> list[str]:
             fresh = [f for f, used in _imports(root).items() if target in used and f not in reached]
             reached |= dict.fromkeys(fresh, reached[target] + 1)
             importers += fresh
+    near_to_all = next(part for room, part in NEAR_TO_ALL.items() if path.startswith(room))
+    left_out = SLOW if path.startswith(KERNELS) else (*SLOW, OF_LIBRARY)
     chosen = [
-        (reached.get(file, NEAR + 1), file)
+        (distance, file)
         for file in _imports(root)
-        if Path(file).name.startswith("test_") and Path(file).name not in SLOW
-        and file.startswith(tuple(f"tests/unit/{part}" for part in TESTS))
-        and (file in reached or "/oracle/" in file)
+        if Path(file).name.startswith("test_") and not file.endswith(left_out)
+        and (((distance := reached.get(file, NEAR + 1)) <= NEAR and file.startswith(TESTS))
+             or file.endswith(near_to_all))
     ]  # fmt: skip
     own = f"test_{Path(path).stem}.py"
     return [file for _, file in sorted(chosen, key=lambda c: (not c[1].endswith(own), c))]
@@ -189,7 +203,7 @@ def _imports(root: Path) -> dict[str, set[str]]:
     return used
 
 
-def run(tree: Path, path: str, source: str | None, tests: list[str]) -> None:
+def run(tree: Path, mutant: Mutant | None, tests: list[str]) -> None:
     """In a process of its own: put a mutant in place, run tests, end with pytest's code."""
     devnull = os.open(os.devnull, os.O_WRONLY)
     os.dup2(devnull, 1)
@@ -203,15 +217,20 @@ def run(tree: Path, path: str, source: str | None, tests: list[str]) -> None:
         "mutants", max_examples=40, deadline=None, database=None,
         suppress_health_check=list(hypothesis.HealthCheck),
     )  # fmt: skip
-    sys.dont_write_bytecode = source is not None
+    sys.dont_write_bytecode = mutant is not None
     os.chdir(tree)
     sys.path.insert(0, str(tree))
-    if source is not None:
-        (tree / path).write_text(source)
-        if path.startswith(COMPILED):  # a build takes the sources of the installed tree
-            from clustermcl.jobs import warm_up  # noqa: PLC0415 - the tree's, for tests/conftest.py
+    if mutant and not mutant.is_compiled and not mutant.path.startswith(KERNELS):
+        from clustermcl.filter.kernels import library  # noqa: PLC0415 - the tree's
 
-            warm_up.compile_kernels = lambda _: None  # numba compiles those that are called
+        built = library.path()  # although it is of other sources
+        library.path = lambda: built
+    if mutant:
+        (tree / mutant.path).write_text(mutant.source())
+    if mutant and mutant.is_compiled:  # a build would take the sources of the installed tree
+        from clustermcl.jobs import warm_up  # noqa: PLC0415 - for tests/conftest.py
+
+        warm_up.compile_kernels = lambda _: None  # numba compiles the kernels that are called
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p", "no:timeout",
                "-o", "timeout=0", "-W", "ignore::pytest.PytestAssertRewriteWarning",
                "-W", "ignore::pytest.PytestConfigWarning",
@@ -240,12 +259,14 @@ def prepared(folder: Path, paths: set[str]) -> None:
     (tree / "docs").mkdir()
     shutil.copy(ROOT / "docs/belief.md", tree / "docs")  # a test reads which settings it names
     tests = sorted({test for path in paths for test in tests_near(tree, path)})
-    process = mp.get_context("fork").Process(target=run, args=(tree, "", None, tests))
+    process = mp.get_context("fork").Process(target=run, args=(tree, None, tests))
     process.start()
     process.join()
     if process.exitcode:
-        raise SystemExit("the tests fail without any mistake")
-    for compiled in (tree / COMPILED).rglob("__pycache__"):
+        failed = tree / KILLER
+        by = failed.read_text() if failed.exists() else "the start of pytest"
+        raise SystemExit(f"without any mistake fails {by}")
+    for compiled in (tree / FILTER).rglob("__pycache__"):
         shutil.copytree(compiled, folder / "compiled" / compiled.relative_to(tree))
 
 
@@ -270,7 +291,7 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
                 path = tree / mutant.path
                 for stale in path.parent.glob(f"__pycache__/{path.stem}.*.pyc"):
                     stale.unlink()
-                args = (tree, mutant.path, mutant.source(), tests_near(tree, mutant.path))
+                args = (tree, mutant, tests_near(tree, mutant.path))
                 process = mp.get_context("fork").Process(target=run, args=args)
                 process.start()
                 running[process.sentinel] = (process, mutant, folder, tree)
@@ -281,7 +302,7 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
                 by = killer.read_text() if killer.exists() else ""
                 killer.unlink(missing_ok=True)
                 shutil.copy2(ROOT / mutant.path, tree / mutant.path)
-                for compiled in list((tree / COMPILED).rglob("__pycache__")):
+                for compiled in list((tree / FILTER).rglob("__pycache__")):
                     shutil.rmtree(compiled)
                 shutil.copytree(folder / "compiled", tree, dirs_exist_ok=True)
                 free.append((folder, tree))
