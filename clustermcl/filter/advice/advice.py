@@ -20,7 +20,6 @@ from scipy.special import ndtr
 from clustermcl.filter.advice.roads import SPACING_M, Roads, roads_of
 from clustermcl.filter.arrays import Points, Pose, Poses
 from clustermcl.filter.cluster.view_memory import ViewMemory
-from clustermcl.filter.kernels.compiled import plain
 from clustermcl.filter.laser.evidence_model import evidence_weight, scan_exponent
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
@@ -251,8 +250,7 @@ def _evidence(
     variances = np.diagonal(question.covariances, axis1=1, axis2=2)
     off = _SPREADS * np.maximum(np.sqrt(np.maximum(variances, 0.0)), _LEAST_SIGMAS)
     offsets = _FINE if count <= _MANY else _COARSE
-    around = at[:, None] + off[:, None] * offsets
-    poses = plain(around.reshape(-1, 3))
+    poses = (at[:, None] + off[:, None] * offsets).reshape(-1, 3)
     evidence = np.zeros((count, count))
     for k in range(count):
         beams = model.beams(replace(laser, ranges=ranges[k]))

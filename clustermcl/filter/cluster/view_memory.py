@@ -44,7 +44,7 @@ class ViewMemory(msgspec.Struct, frozen=True):
         if rest or count > MAX_VIEWS:
             return f"{len(self.views)} bytes of views"
         rows = np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS)
-        possible = (np.abs(rows) <= MOST) & (rows >= (-MOST, -MOST, -MOST, 0.0, 0.0, 0.0))
+        possible = (rows <= MOST) & (rows >= (-MOST, -MOST, -MOST, 0.0, 0.0, 0.0))
         return None if possible.all() else "views out of range"
 
     @property

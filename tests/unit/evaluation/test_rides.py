@@ -50,6 +50,8 @@ def scan(*ranges_m: float, beams: int = 40) -> Scan:
     ((1.0, 1.4, 0.6), IN_CORRIDOR, False),
     ((1.0, 1.4, 0.6, 5.0), IN_LIFT, False),  # the door is open
     ((1.0, np.inf, np.inf), IN_LIFT, False),
+    ((1.0, 1.4, 2.3), IN_LIFT, True),
+    ((1.0, 1.4, 2.9), IN_LIFT, False),
 ])  # fmt: skip
 def test_a_closed_cabin_is_seen_where_there_is_one(
     ranges_m: tuple[float, ...], pose: PoseTuple, closed: bool

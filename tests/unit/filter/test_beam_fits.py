@@ -8,6 +8,7 @@ from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_fits import beam_fits, fit_and_through
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
 from clustermcl.filter.laser.sensor_model import Beams, computed_model
+from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SensorSettings
 
 CELL_M = 0.05
@@ -60,18 +61,25 @@ def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -
 
 
 @pytest.mark.parametrize("cell_m", [0.05, 0.1, 0.25])
-def test_the_fit_is_the_log_likelihood_in_the_field(cell_m: float) -> None:
+def test_the_fit_is_the_log_likelihood_in_the_field_where_a_beam_from_the_laser_ends(
+    cell_m: float,
+) -> None:
     cells, rng = np.zeros((60, 80), np.int8), np.random.default_rng(1)
     cells[tuple(rng.integers(0, (60, 80), (40, 2)).T)] = OCCUPIED
     ground = Grid(cells, cell_m, np.array([2.0, -1.0, 0.0]))
     model = computed_model(ground, SensorSettings())
     field = LikelihoodField.build(ground, SensorSettings())
-    pose = np.array([2.0 + 40 * cell_m, -1.0 + 30 * cell_m, 0.0])
+    pose, laser = np.array([2.0 + 38 * cell_m, -1.0 + 33 * cell_m, 0.6]), np.array([0.4, -0.2, 0.3])
     angles, ranges = rng.uniform(-np.pi, np.pi, 500), rng.uniform(0.1, 40 * cell_m, 500)
-    fits, _ = fit_and_through(
-        beam_fits(pose, Beams(ranges, angles, np.zeros(3), 30.0), model, mirrored=False)
+    seen = beam_fits(pose, Beams(ranges, angles, laser, 30.0), model, mirrored=False)
+    fits, through = fit_and_through(seen)
+    from_laser = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), angles])
+    at_laser = compose(pose, laser)
+    assert seen == beam_fits(
+        at_laser, Beams(ranges, angles, np.zeros(3), 30.0), model, mirrored=False
     )
-    col, row = 40 + ranges * np.cos(angles) / cell_m, 30 + ranges * np.sin(angles) / cell_m
+    assert 20 < np.count_nonzero(through) < 480
+    col, row = ((compose(at_laser, from_laser)[:, :2] - [2.0, -1.0]) / cell_m).T
     inside = (row >= 0) & (row < 60) & (col >= 0) & (col < 80)
     codes = field.codes[row[inside].astype(int) + 1, col[inside].astype(int) + 1]
     np.testing.assert_allclose(fits[inside], codes / 65_535, atol=0.01)

@@ -5,7 +5,11 @@ import pytest
 
 from clustermcl.filter.cluster.gaussian import fit_gaussian
 from clustermcl.filter.motion.model import move, standard_normals
-from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
+from clustermcl.filter.motion.noise import (
+    composed_covariance,
+    motion_covariance,
+    turn_drive_turn,
+)
 from clustermcl.filter.settings import MotionSettings
 
 OMNI = MotionSettings(strafe_noise_per_metre=0.25)
@@ -51,3 +55,11 @@ def test_the_variance_of_a_heading_is_bounded() -> None:
     swung = [[0.2 + 4.0 * any_heading, 2.0 * any_heading], [2.0 * any_heading, any_heading]]
     np.testing.assert_allclose(moved[1:, 1:], swung)
     np.testing.assert_allclose(moved[0], [0.1, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("across_m", "first_turn"), [(0.0099, 0.0), (0.01, np.pi / 2)])
+def test_a_drive_of_a_centimetre_has_a_bearing_and_a_shorter_one_has_none(
+    across_m: float, first_turn: float
+) -> None:
+    turns = turn_drive_turn(np.array([0.0, across_m, 0.3]), DIFFERENTIAL)[:3]
+    assert turns == pytest.approx((first_turn, across_m, 0.3 - first_turn))

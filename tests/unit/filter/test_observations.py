@@ -20,10 +20,11 @@ LANDMARKS = Landmarks(
     np.array([0.01, 0.02, 0.005]),
 )
 TILTED = np.array([[0.09, 0.02], [0.02, 0.04]])
+TILTED_POSE = np.array([[0.2, 0.03, 0.05], [0.03, 0.1, -0.04], [0.05, -0.04, 0.3]])
 KINDS: dict[str, Kind] = {
-    "pose": PoseFix(np.array([4.0, 3.0, 0.5]), np.diag([0.2, 0.1, 0.3]), 0.1),
+    "pose": PoseFix(np.array([4.0, 3.0, 0.5]), TILTED_POSE, 0.1),
     "position": PositionFix(np.array([4.0, 3.0]), TILTED, 0.05),
-    "id": Sighting(np.array([1.0, 0.5]), TILTED, 0.05, landmark="tag"),
+    "id": Sighting(np.array([1.2, 0.5]), TILTED, 0.05, landmark="tag"),
     "class": Sighting(np.array([1.5, -0.3]), TILTED, 0.2, landmark="door"),
 }
 
@@ -65,11 +66,27 @@ def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
     ratios = log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID)
     expected = [math.log(exact_ratio(pose, KINDS[kind])) for pose in poses]
     np.testing.assert_allclose(ratios, expected, rtol=1e-12, atol=1e-12)
+    alone = [log_likelihood_ratio(pose[None], [KINDS[kind]], LANDMARKS, GRID) for pose in poses]
+    np.testing.assert_allclose(np.ravel(alone), expected, rtol=1e-12, atol=1e-12)
     shared = [replace(KINDS[kind], share=share) for share in (0.7, 0.02)]
     both = log_likelihood_ratio(poses, shared, LANDMARKS, GRID)
     np.testing.assert_allclose(both, 0.72 * np.array(expected), rtol=1e-12, atol=1e-12)
     false = [KINDS[kind].outlier_probability_at(pose, LANDMARKS, GRID) for pose in poses]
     assert -np.log(false) == pytest.approx(ratios, abs=1e-9)
+
+
+BLURS = {
+    "pose": TILTED_POSE + np.diag([0.09, 0.09, 0.04]),
+    "position": TILTED + 0.09 * np.eye(2),
+    "id": TILTED + (0.09 + 0.04 * 1.69) * np.eye(2),
+    "class": TILTED + (0.09 + 0.04 * 2.34) * np.eye(2),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_for_poses_of_a_neighbourhood_an_observation_is_less_certain(kind: str) -> None:
+    """An error of the heading displaces a landmark in proportion to its distance."""
+    np.testing.assert_allclose(KINDS[kind].blurred(0.3, 0.2).covariance, BLURS[kind], rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -85,6 +102,21 @@ def test_the_average_over_the_map_is_that_of_poses_spread_over_it(kind: str) -> 
     average = math.exp(KINDS[kind].log_average_ratio(LANDMARKS, GRID))
     # Sights are short: a landmark near the edge of the map would be seen from fewer poses.
     assert average == pytest.approx(ratios.mean(), rel=0.15)
+
+
+BEST = {
+    "pose": (4.0, 3.0, 0.5),
+    "position": (4.0, 3.0, 0.0),
+    "id": (3.8, 3.5, 0.0),
+    "class": (1.5, 3.3, 0.0),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_largest_ratio_is_that_of_the_pose_which_it_fits_best(kind: str) -> None:
+    best = math.log(exact_ratio(np.array(BEST[kind]), KINDS[kind]))
+    # At the best pose of one landmark, others add a little.
+    assert KINDS[kind].largest_log_ratio(LANDMARKS, GRID) == pytest.approx(best, abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", KINDS)

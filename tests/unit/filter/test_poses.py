@@ -65,3 +65,9 @@ def test_one_pose_and_many_poses_broadcast(many: Poses, one: Pose) -> None:
             combine(many, one), np.array([combine(other, one) for other in many])
         )
     np.testing.assert_array_equal(inverse(many), np.array([inverse(other) for other in many]))
+
+
+@given(a=pose)
+def test_a_pose_and_its_inverse_cancel_out(a: Pose) -> None:
+    assert_same_place(compose(a, inverse(a)), np.zeros(3))
+    assert_same_place(inverse(a), between(a, np.zeros(3)))

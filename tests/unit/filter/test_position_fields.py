@@ -133,6 +133,13 @@ def test_allowed_poses_and_even_poses_estimate_an_average_together() -> None:
     assert allowed_poses([elsewhere], LANDMARKS, GRID, 100, rng)[0].shape == (0, 3)
 
 
+def test_poses_are_drawn_where_a_field_has_free_space() -> None:
+    half = replace(SEEN, mean=np.array([-6.0, -4.0]), log_likelihoods=np.zeros((1, 3)))
+    drawn = half.draw(LANDMARKS, ALL_FREE, 100, np.random.default_rng(5))
+    assert len(drawn) == 100, "one of its cells is on the map"
+    assert ((drawn[:, :2] >= [-2.0, -4.0]) & (drawn[:, :2] < [0.0, -2.0])).all()
+
+
 def test_search_starts_at_the_smallest_of_several_fields() -> None:
     one = np.zeros((1, 1))
     small = replace(SEEN, cell_m=0.5, log_likelihoods=one, mean=np.array([3.0, 1.0]))

@@ -99,6 +99,7 @@ def test_the_view_memory_has_a_fixed_size_and_keeps_its_most_certain_views() -> 
     for _ in range(2 * MAX_VIEWS):
         _, memory = memory.after(np.array([0.8, 0.0, 0.0]), PERFECT, RULES)
     assert len(memory.views) == 24 * MAX_VIEWS
+    assert memory.problem is None
     assert memory.after(np.zeros(3), PERFECT, RULES)[0] < 1e-6
     assert memory.after(np.array([500.0, 0.0, 0.0]), PERFECT, RULES)[0] == 1.0
 

@@ -91,3 +91,12 @@ def test_a_scan_without_beams_has_the_same_likelihood_everywhere(
     nothing = ArrayBlob.of(np.full(12, np.nan), "float32")
     report = begun(model).advance(replace(drive.scans[0], ranges=nothing))
     assert report.log_likelihood == 0.0
+
+
+def test_elsewhere_is_handed_on_to_the_step_after_its_last(
+    model: SensorModel, drive: Drive
+) -> None:
+    job = begun(model)
+    assert job.handed_on() == job.assignment
+    job.advance(drive.scans[0])
+    assert job.handed_on().job == ElsewhereJob(first_step=2)

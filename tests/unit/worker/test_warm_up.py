@@ -92,5 +92,8 @@ def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
     monkeypatch.setattr(kernel_library, "_FILTER", tmp_path / "installed")
     (tmp_path / "installed").mkdir()
     assert kernel_library.path().parent == tmp_path / "installed" / "__pycache__"
+    before = kernel_library.path()
+    (tmp_path / "installed" / "kernel.py").write_text("other sources")
+    assert kernel_library.path().name != before.name, "else old machine code would run"
     monkeypatch.setattr(os, "access", lambda _file, _mode: False)
     assert kernel_library.path().parent == tmp_path / "clustermcl" / "kernels"

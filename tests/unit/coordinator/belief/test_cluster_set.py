@@ -10,7 +10,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief.bayes_update import weigh
-from clustermcl.belief.cluster_set import LEAST_LOG, Candidate, ClusterSet
+from clustermcl.belief.cluster_set import (
+    ESTABLISHED,
+    LARGE_DOUBT,
+    LEAST_LOG,
+    Candidate,
+    ClusterSet,
+    Given,
+)
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
@@ -305,3 +312,14 @@ def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
     made.clusters[1] = replace(made.clusters[1], pose=(0.1, 5.0, 0.0))
     assert made.merge_overlaps() == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
     assert probabilities(made) == pytest.approx([0.8, 0.2])
+
+
+def test_beams_against_a_given_place_add_up_to_doubt_until_it_is_established() -> None:
+    for_it = Given().after(5.0, 1.0)
+    assert for_it == Given(1.0, 0.0), "what speaks for it is no credit"
+    doubted = for_it.after(-LARGE_DOUBT, 0.5)
+    assert doubted == Given(1.5, LARGE_DOUBT)
+    assert not doubted.is_doubted
+    assert doubted.after(-0.01, 0.0).is_doubted
+    assert Given(ESTABLISHED - 0.1).after(-9.0, 1.0).is_doubted
+    assert Given(ESTABLISHED, 9.0).after(-9.0, 1.0) == Given(ESTABLISHED + 1.0, 0.0)

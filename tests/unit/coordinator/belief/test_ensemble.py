@@ -2,14 +2,17 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import ELSEWHERE, Ensemble
-from clustermcl.belief.outcome import Outcome
+from clustermcl.belief.outcome import BEFORE_FIRST_STEP, Outcome, belief_after
 from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.job_events import Began, Ended
 from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.why import Why
 from clustermcl.protocol.work import ElsewhereJob, Report, SearchJob, TrackJob
-from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, searched, tracked
+from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, scan, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
@@ -256,3 +259,26 @@ def test_after_a_given_pose_elsewhere_is_weighed_from_the_next_step_on() -> None
     made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
     outcome = made.continue_from([place(1.0, SOUTH, 7)], 7, "new map")
     assert outcome.begin[ELSEWHERE] == ElsewhereJob(first_step=8)
+
+
+def test_the_published_belief_has_all_that_the_outcome_says_of_a_scan() -> None:
+    outcome = replace(
+        BEFORE_FIRST_STEP, step=4, state="lost", elsewhere_probability=0.5, searching=True,
+        missing=("c1",), off_map_probability=0.2, search_progress=0.3, why=Why({"scan": (1.0,)}),
+    )  # fmt: skip
+    of = scan(3, x_m=2.0, last=True)
+    belief = belief_after(of, outcome, "me", 7)
+    for same, names in ((outcome, Outcome.__struct_fields__), (of, ("stamp_ns", "last"))):
+        shared = set(names) & set(Belief.__struct_fields__)
+        assert {n: getattr(belief, n) for n in shared} == {n: getattr(same, n) for n in shared}
+    assert (belief.sender, belief.term, belief.odom_from_robot) == ("me", 7, of.odom_from_robot)
+
+
+def test_places_found_by_a_search_do_not_end_the_doubt_whether_the_robot_is_on_the_map() -> None:
+    made = bootstrapped(
+        {NORTH: 1.0}, kidnapping_probability=0.01, off_map_probability=0.05, search_every_steps=1
+    )
+    made.advance(1, [tracked("c0", 1, 1.0, NORTH), elsewhere(1, math.log(1e-3))])
+    lost, found = (lifted(made, step, search=2) for step in (2, 3))
+    assert (lost.state, found.state, found.hypotheses[0].pose) == ("lost", "localized", EAST)
+    assert found.off_map_probability == pytest.approx(lost.off_map_probability, rel=0.01)

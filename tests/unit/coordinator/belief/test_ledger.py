@@ -18,6 +18,7 @@ from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.simulator.simulation import Simulation, simulated_steps
 from tests.soak.eight_rooms import eight_rooms
+from tests.unit.coordinator.reports import place
 
 KIDNAPPED_AT, STEPS = 20, 40
 ROUNDED = 0.5 * 10.0**-DIGITS
@@ -103,3 +104,15 @@ def test_an_unknown_cause_is_no_cause() -> None:
     ledger = Ledger(clusters)
     ledger.note("nothing")
     assert ledger.why(()).changes == {}
+
+
+def test_facts_are_in_the_order_of_the_hypotheses_and_0_where_they_are_unknown() -> None:
+    clusters, candidate = ClusterSet(BeliefSettings()), place(0.5, (0.0, 0.0, 0.0), 0)
+    clusters.admit([(candidate, "restart"), (candidate, "restart")], 0)
+    ledger = Ledger(clusters)
+    ledger.note_facts(fit=np.array([-1.25, math.nan]), counted=np.array([2.0, 9e9]), new_pieces=2.5)
+    clusters.admit([(candidate, "restart")], 0)
+    facts = ledger.why((1, 2, 0)).facts
+    assert facts == {
+        "fit": (0.0, 0.0, -1.25), "counted": (MOST, 0.0, 2.0), "new pieces": (2.5,)
+    }  # fmt: skip
