@@ -9,8 +9,8 @@ border, + for -, * for /, min for max, a number off, `and` for `or`, `not` left 
 call or a keyword argument left out, a value not returned. It runs the tests that come near its
 module by their imports, the nearest first, until one fails. Those that pass all tests have
 survived: either a test is missing or the mistake is none, and then `mutation_reasons.toml` says
-why. `--again` tries the survivors of earlier results only, after new tests were written; `--report`
-fails while one has no reason.
+why. `--again` tries only survivors of earlier results that have no reason, after new tests were
+written; `--report` fails while there are any.
 
 Two hundred take about half an hour of one core. Chance is the seed's (`--seed`), so the same
 mutants come back as long as the code is the same.
@@ -292,16 +292,17 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
                 for stale in path.parent.glob(f"__pycache__/{path.stem}.*.pyc"):
                     stale.unlink()
                 args = (tree, mutant, tests_near(tree, mutant.path))
+                source = path.read_text()
                 process = mp.get_context("fork").Process(target=run, args=args)
                 process.start()
-                running[process.sentinel] = (process, mutant, folder, tree)
+                running[process.sentinel] = (process, path, source, mutant, folder, tree)
             for sentinel in wait(list(running)):
-                process, mutant, folder, tree = running.pop(sentinel)
+                process, path, source, mutant, folder, tree = running.pop(sentinel)
                 process.join()
                 killer = tree / KILLER
                 by = killer.read_text() if killer.exists() else ""
                 killer.unlink(missing_ok=True)
-                shutil.copy2(ROOT / mutant.path, tree / mutant.path)
+                path.write_text(source)  # the root's may have been edited meanwhile
                 for compiled in list((tree / FILTER).rglob("__pycache__")):
                     shutil.rmtree(compiled)
                 shutil.copytree(folder / "compiled", tree, dirs_exist_ok=True)
@@ -319,7 +320,7 @@ def _verdict(exit_code: int | None, by: str) -> str:
 
 def report(results: dict[str, str]) -> str:
     """The survivors and why they live; a survivor without a reason is an error."""
-    reasons = tomllib.loads(REASONS.read_text()) if REASONS.exists() else {}
+    reasons = _reasons()
     survivors = sorted(name for name, verdict in results.items() if verdict == "survived")
     if unexplained := [name for name in survivors if name not in reasons]:
         raise SystemExit("no reason for:\n" + "\n".join(unexplained))
@@ -329,6 +330,10 @@ def report(results: dict[str, str]) -> str:
     lines += ["", "## Survivors, and why", ""]
     lines += [f"* `{name}`\n  {reasons[name]}" for name in survivors]
     return "\n".join(lines)
+
+
+def _reasons() -> dict[str, str]:
+    return tomllib.loads(REASONS.read_text())
 
 
 def main() -> None:
@@ -353,7 +358,10 @@ def main() -> None:
         results = json.loads(given.results.read_text())
     if given.again:
         again = json.loads(given.again.read_text())
-        chosen = [mutant for mutant in everything if again.get(mutant.name) == "survived"]
+        wanted = {
+            name for name, verdict in again.items() if verdict == "survived"
+        } - _reasons().keys()
+        chosen = [mutant for mutant in everything if mutant.name in wanted]
     else:
         chosen = [mutant for mutant in chosen if mutant.name not in results]
     print(f"{len(chosen)} of {len(everything)} mutants", flush=True)

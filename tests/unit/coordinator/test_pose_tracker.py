@@ -218,13 +218,16 @@ def test_a_live_robots_stamps_show_the_age_of_a_fetched_scan() -> None:
 
 def test_a_fetched_scan_alone_leaves_the_pose_stale() -> None:
     tracker = new_tracker()
+    assert not tracker.is_age_guessed, "nothing has arrived"
     tracker.resume(scan_at(1, live=True), 0.1, now_ns=0)
     assert answer(tracker, 0).scan_age_s == answer(tracker, 0).age_s
     tracker.scan(scan_at(2, 0.1, live=True), 1 * SECOND, fetched=True)
     assert answer(tracker, 1).freshness == "stale"
     assert answer(tracker, 1).stamp_ns == 2 * SECOND, "but it is the newest"
+    assert tracker.is_age_guessed
     odometry(tracker, 9, 0.1, now_s=1)
     assert answer(tracker, 1).freshness == "fresh"
+    assert not tracker.is_age_guessed
 
 
 def test_the_age_of_a_scan_follows_from_its_own_stamp() -> None:

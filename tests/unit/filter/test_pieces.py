@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from clustermcl.filter.laser.pieces import DOUBTFUL, MAX_PIECES, PIECE_M, Pieces
+from clustermcl.filter.laser.pieces import BEFORE_M, DOUBTFUL, MAX_PIECES, PIECE_M, Pieces
 
 WALL = np.array([[3.1, 0.1], [3.2, 0.2]])
 """Two ends in one piece."""
@@ -39,6 +39,17 @@ def test_what_later_beams_pass_was_no_wall() -> None:
         _, _, pieces = pieces.after(seen(np.array([[8.1, 0.1]])))
     weights, _, _ = pieces.after(seen(WALL))
     assert weights.sum() == pytest.approx(4 / (4 + 5 + DOUBTFUL) - 2 / (2 + 5 + DOUBTFUL))
+
+
+def test_a_beam_passes_the_pieces_in_front_of_the_robot_but_not_those_near_its_end() -> None:
+    along = np.arange(-3, 30) * PIECE_M + 0.1
+    line = seen(np.column_stack((along, np.full(len(along), 0.1))), robot=(5.1, -40.1))
+    _, _, pieces = Pieces().after(line)
+    without, _, _ = pieces.after(line)
+    _, _, pieces = pieces.after(seen(np.array([[9.1, 0.1]])))
+    weights, _, _ = pieces.after(line)
+    passed = (along > 0.1 + 1e-9) & (along <= 9.1 - BEFORE_M)
+    np.testing.assert_array_equal(weights[along < 9.0] < without[along < 9.0], passed[along < 9.0])
 
 
 def test_a_memory_that_is_handed_on_continues_with_the_same_results() -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.search.places import cluster_by_source_point, places_of
+from clustermcl.filter.search.places import Parts, cluster_by_source_point, places_of
 from clustermcl.filter.settings import SearchSettings
 from tests.unit.filter import naive
 
@@ -26,6 +26,13 @@ def test_a_place_has_its_share_of_the_weight_and_a_weighted_sample() -> None:
     assert len(aside.sample) == 400
     few = places_of(ParticleSet(poses, np.log(weights)), rules, 0.51, rng)
     assert few == [], "none has so much"
+
+
+def test_a_place_without_poses_has_no_share() -> None:
+    labels, weights = np.array([1, -1, 1], np.int32), np.array([0.5, 0.25, 0.25])
+    parts = Parts.of(np.arange(9.0).reshape(3, 3), weights, labels, 3)
+    assert (parts.shares.tolist(), parts.ends.tolist()) == ([0.0, 0.75, 0.0], [0, 0, 2, 2])
+    assert parts.poses[:, 0].tolist() == [0.0, 6.0]
 
 
 def test_less_probable_places_have_one_particle_each() -> None:

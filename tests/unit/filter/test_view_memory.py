@@ -59,6 +59,16 @@ def test_going_back_and_forth_shows_each_view_once() -> None:
     assert math.fsum(weights([*[DRIVE] * 10, (-2.0, 0.0, 0.0), *shuffled], PERFECT)[12:]) < 0.1
 
 
+def test_a_view_near_an_earlier_one_is_added_to_it() -> None:
+    memory, weight = ViewMemory(), 0.0
+    for x_m in (0.0, 0.4, 0.4, 0.1):
+        before = memory.rows
+        weight, memory = memory.after(np.array([x_m, 0.0, 0.0]), PERFECT, RULES)
+    assert len(memory.rows) == len(before) == 3
+    assert memory.rows[-1, 3] == pytest.approx(before[-1, 3] + weight)
+    np.testing.assert_array_equal(memory.rows[:-1, 3], before[:-1, 3])
+
+
 def test_old_views_fade_with_the_error_of_odometry() -> None:
     """After a loop of 40 m it is known that the robot is back; after one of 80 m it is not."""
 
@@ -96,7 +106,7 @@ def test_for_any_motion_the_new_share_is_between_0_and_1(
 
 def test_the_view_memory_has_a_fixed_size_and_keeps_its_most_certain_views() -> None:
     memory = ViewMemory()
-    for _ in range(2 * MAX_VIEWS):
+    for _ in range(2 * MAX_VIEWS + 9):
         _, memory = memory.after(np.array([0.8, 0.0, 0.0]), PERFECT, RULES)
     assert len(memory.views) == 24 * MAX_VIEWS
     assert memory.problem is None
