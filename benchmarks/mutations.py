@@ -57,7 +57,7 @@ NEAR = 2
 ORACLE = ("test_belief_against_grid.py", "test_best_way.py", "test_search_against_grid.py")
 NEAR_TO_ALL = {FILTER: ORACLE, "clustermcl/jobs": ORACLE,
                "clustermcl/belief": (*ORACLE, "/test_coordinator.py")}  # fmt: skip
-LIMIT_CPU_S = 240
+LIMIT_CPU_S = 120
 KILLER = "killer.txt"
 
 SWAPPED: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {

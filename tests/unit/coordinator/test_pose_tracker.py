@@ -190,13 +190,14 @@ def test_a_robot_that_drives_on_without_steps_is_dead_reckoning() -> None:
     assert answer(tracker, 1).scan_age_s == 0.0
 
 
-def test_turning_without_steps_is_dead_reckoning_and_standing_is_not() -> None:
+@pytest.mark.parametrize("turn", [0.05, -0.05])
+def test_turning_without_steps_is_dead_reckoning_and_standing_is_not(turn: float) -> None:
     tracker = believed_at()
     for index in range(100):
         tracker.odometry(SECOND + index, (0.001 * (index % 2), 0.0, 0.0), now_ns=SECOND)
     assert answer(tracker, 1).freshness == "fresh"
     for index in range(30):
-        tracker.odometry(2 * SECOND + index, (0.0, 0.0, 0.05 * index), now_ns=SECOND)
+        tracker.odometry(2 * SECOND + index, (0.0, 0.0, turn * index), now_ns=SECOND)
     assert answer(tracker, 1).freshness == "dead_reckoning"
 
 

@@ -15,6 +15,7 @@ from clustermcl.filter.advice.advice import (
     advised_ways,
     expected_gains,
 )
+from clustermcl.filter.advice.roads import MARGIN_M
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.poses import compose
@@ -133,7 +134,7 @@ def test_no_way_comes_near_a_wall_at_any_place(off: tuple[float, float, float]) 
     for way in ways:
         for place in places:
             nearest = clearance_m(way, place, cells) - 0.5 * CELL_M * math.sqrt(2.0)
-            assert nearest >= RADIUS_M - 0.05
+            assert nearest >= RADIUS_M + MARGIN_M - 0.02
 
 
 def test_a_way_stays_clear_if_a_place_is_off_by_its_standard_deviation() -> None:

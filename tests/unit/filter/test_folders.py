@@ -1,8 +1,10 @@
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
 
+from clustermcl.filter.kernels import folders
 from clustermcl.filter.kernels.folders import remarks, user_folder, why_untrusted
 
 STRANGER = 54321
@@ -32,6 +34,26 @@ def test_a_relative_folder_is_not_used(home: Path, monkeypatch: pytest.MonkeyPat
     assert list(remarks) == [
         "here/clustermcl/maps of XDG_CACHE_HOME is not used: it is not absolute"
     ]
+
+
+def test_an_account_whose_home_cannot_be_written_has_a_folder_among_the_temporary_files(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(home))
+    monkeypatch.setattr(os, "access", lambda path, mode: mode == os.F_OK and Path(path).exists())
+    folders._temporary_folder.cache_clear()
+    own = home / f"clustermcl-{os.geteuid()}"
+    assert user_folder("maps") == own / "maps"
+    assert own.stat().st_mode & 0o777 == 0o700
+    first, second = remarks
+    assert first.endswith("of the account's home is not used: it cannot be written")
+    assert second.startswith(f"maps: kept in {own}/maps until the machine restarts")
+    folders._temporary_folder.cache_clear()
+    assert user_folder("maps") == own / "maps", "also if it is there"
+    folders._temporary_folder.cache_clear()
+    own.chmod(0o777)
+    assert user_folder("maps").parent not in (own, home), "others may have written there"
+    folders._temporary_folder.cache_clear()
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to other accounts")

@@ -7,6 +7,8 @@ import pytest
 
 from clustermcl.filter.arrays import UNKNOWN, Cells, Pose
 from clustermcl.filter.laser.sensor_model import Beams
+from clustermcl.filter.observations.fixes import PoseFix
+from clustermcl.filter.observations.kind import NO_LANDMARKS
 from clustermcl.filter.poses import compose, heading_distance
 from clustermcl.filter.search.global_search import GlobalSearch
 from clustermcl.filter.search.places import FoundPlace
@@ -89,6 +91,21 @@ def test_a_search_with_few_poses_finds_the_place_from_scans_joined_by_odometry(
         drive.append(compose(drive[-1], np.array([0.9, 0.0, 0.7])))
     best = places_after(search_in(plain_room(), poses), plain_room(), drive, seed)[0]
     assert is_near(best.mean, drive[-1])
+
+
+def test_an_observation_of_the_first_step_counts_in_later_searches_at_the_pose_since() -> None:
+    """Of two places that look alike, it shows the right one although the robot has driven on."""
+    cells, rng, before = symmetric_room(), np.random.default_rng(0), None
+    search = search_in(cells, 20)
+    at_start = PoseFix(START, np.diag([0.1, 0.1, 0.1]), 0.05)
+    for step in range(4):
+        pose = START if before is None else compose(before, np.array([0.5, 0.0, 0.4]))
+        observed = ([at_start] if step == 0 else [], NO_LANDMARKS)
+        finished(search.advance(before, pose, seen_from(pose, cells), rng, observed))
+        before = pose
+    best = finished(search.places(rng))[0]
+    assert is_near(best.mean, pose)
+    assert best.share > 0.9
 
 
 def test_the_likelihood_of_all_scans_is_kept_when_their_evidence_is_tempered() -> None:

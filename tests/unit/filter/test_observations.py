@@ -120,6 +120,22 @@ def test_the_largest_ratio_is_that_of_the_pose_which_it_fits_best(kind: str) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_an_observation_is_as_informative_however_much_of_it_is_new(kind: str) -> None:
+    old = replace(KINDS[kind], share=0.1)
+    new = KINDS[kind].informativeness(LANDMARKS, GRID)
+    assert old.informativeness(LANDMARKS, GRID) == new
+
+
+def test_poses_are_drawn_from_which_the_landmark_is_seen_where_it_was() -> None:
+    tag = Landmarks(("tag",), np.array([[5.0, 4.0]]), np.array([0.05]))
+    poses = KINDS["id"].draw(tag, GRID, 100_000, np.random.default_rng(6))
+    seen_at = between(poses, np.array([5.0, 4.0, 0.0]))[:, :2]
+    # Of 100,000 a mean is known to 0.001 m and a variance to 0.5 % (1 sigma).
+    np.testing.assert_allclose(seen_at.mean(axis=0), KINDS["id"].mean, atol=0.005)
+    np.testing.assert_allclose(np.cov(seen_at.T), TILTED + 0.05 * np.eye(2), atol=0.003)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_observation_moves_with_the_robot(kind: str) -> None:
     seen, motion = KINDS[kind], np.array([0.4, -0.2, 0.7])
     poses = np.random.default_rng(3).uniform((3, 2, -1), (6, 5, 1), (50, 3))

@@ -141,8 +141,8 @@ def test_poses_are_drawn_where_a_field_has_free_space() -> None:
 
 
 def test_search_starts_at_the_smallest_of_several_fields() -> None:
-    one = np.zeros((1, 1))
-    small = replace(SEEN, cell_m=0.5, log_likelihoods=one, mean=np.array([3.0, 1.0]))
+    small = replace(SEEN, cell_m=0.25, log_likelihoods=np.zeros((2, 2)), mean=np.array([3.0, 1.0]))
+    large = replace(SEEN, cell_m=0.6, log_likelihoods=np.zeros((1, 1)), mean=np.array([3.0, 2.0]))
     rng = np.random.default_rng(4)
-    poses, _ = allowed_poses([SEEN, small], LANDMARKS, GRID, 100, rng)
+    poses, _ = allowed_poses([SEEN, small, large], LANDMARKS, GRID, 100, rng)
     assert ((poses[:, :2] >= [3.0, 1.0]) & (poses[:, :2] <= [3.5, 1.5])).all()

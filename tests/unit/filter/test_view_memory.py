@@ -81,6 +81,16 @@ def test_old_views_fade_with_the_error_of_odometry() -> None:
     assert seen_again(400) > 0.9
 
 
+def test_a_view_whose_pose_is_uncertain_is_wider_and_counts_less() -> None:
+    """A correlation exp(-d) that errors blur keeps its integral, and its variance grows by theirs:
+    6 d^2 in the plane, and 2 d^2 of the heading."""
+    memory = ViewMemory(np.array([0.3, 0.4, 0.5, 0.9, 0.6, 0.7], "<f4").tobytes())
+    wide_m, wide_rad = math.sqrt(0.8**2 + 0.6 / 6.0), math.sqrt(1.6**2 + 0.7 / 2.0)
+    correlated = (0.8 / wide_m) ** 2 * (1.6 / wide_rad) * math.exp(-0.5 / wide_m - 0.5 / wide_rad)
+    assert memory.after(np.zeros(3), PERFECT, RULES)[0] == pytest.approx(1.0 - 0.9 * correlated)
+    assert memory.new_share(np.zeros((1, 3)), RULES) == pytest.approx([1.0 - 0.9 * correlated])
+
+
 def test_a_view_is_new_where_the_robot_has_not_looked_from() -> None:
     _, memory = ViewMemory().after(np.zeros(3), PERFECT, RULES)
     poses = np.array([(0.0, 0.0, 0.0), (0.8, 0.0, 0.0), (0.0, 0.0, -1.6), (0.0, 9.0, 0.0)])

@@ -180,6 +180,16 @@ def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     )
 
 
+@pytest.mark.parametrize(("fits", "gain"), [((1.0,) * 4, 1.0), ((-1.0,) * 4, 10.0)])
+def test_a_better_fit_elsewhere_counts_only_if_beams_pass_through_walls_here(
+    fits: tuple[float, ...], gain: float
+) -> None:
+    """People stand before the laser, and the other beams fit."""
+    made = first(0.9, piece_evidence=2.0, kidnapping_probability=1e-9)
+    weigh(made, with_fits({"c0": fits}, 0.5), math.log(5.0), beams=2.0 * NEW)
+    assert made.elsewhere / probabilities(made)[0] == pytest.approx(gain / 9.0)
+
+
 @pytest.mark.parametrize(("usual", "is_alarmed"), [(0, True), (30, False)])
 def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     usual: int, *, is_alarmed: bool

@@ -13,6 +13,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import ElsewhereJob, Report
 from tests.unit.coordinator.reports import (
     elsewhere,
+    found_places,
     literal_bayes,
     place,
     resumed,
@@ -162,6 +163,15 @@ def test_relocalize_moves_all_probability_elsewhere_and_restarts_its_evidence() 
     assert outcome.begin["e0"] == ElsewhereJob(first_step=5)
     assert set(outcome.begin) == {"e0", "s1.0"}
     assert set(outcome.end) == {"c0", "c1"}, "the old e0 goes by its epoch"
+
+
+def test_a_place_that_an_observation_allows_takes_the_probability_of_elsewhere() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.2})
+    reports = [tracked(f"c{n}", 1, 1.0, mean) for n, mean in enumerate((NORTH, SOUTH))]
+    allowed = replace(elsewhere(1, 0.0), places=found_places([(1.0, EAST)]))
+    outcome = made.advance(1, [*reports, allowed])
+    assert believed(outcome)[2] == pytest.approx(0.2 + 0.8 * HAZARD)
+    assert outcome.elsewhere_probability == pytest.approx(0.0)
 
 
 def test_a_given_pose_replaces_the_belief() -> None:

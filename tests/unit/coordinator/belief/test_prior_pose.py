@@ -1,10 +1,12 @@
 import math
 
+import numpy as np
 import pytest
 
 from clustermcl.belief.cluster_set import Candidate
 from clustermcl.belief.ensemble import Ensemble
-from clustermcl.belief.given_places import PriorPose, with_prior_pose
+from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
+from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.job_events import Began
 from clustermcl.protocol.message import PoseTuple
@@ -24,6 +26,22 @@ def found(*places: tuple[float, PoseTuple]) -> list[Place]:
 
 def shares(candidates: list[Candidate]) -> list[float]:
     return [candidate.share for candidate, _ in candidates]
+
+
+def test_the_particles_of_a_given_place_are_those_of_its_covariance_and_its_step() -> None:
+    covariance = (4.0, 1.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.09)
+    before, first, later = (
+        candidate(
+            0.5, (5.0, 2.0, 1.0), covariance, seed=0, purpose=Purpose.GIVEN_POSE, entity=1,
+            step=step, odom_from_robot=ORIGIN,
+        ).sample.map_from_robot.array()
+        for step in (-1, 0, 3)
+    )  # fmt: skip
+    np.testing.assert_array_equal(before, first)
+    assert not np.intersect1d(first, later).size
+    # Of a thousand, a variance is known to 4.5 % (1 sigma).
+    np.testing.assert_allclose(np.cov(later.T).ravel(), covariance, rtol=0.2, atol=0.1)
+    np.testing.assert_allclose(later.mean(axis=0), (5.0, 2.0, 1.0), atol=0.25)
 
 
 def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
