@@ -9,6 +9,7 @@ from clustermcl.filter.laser.likelihood_field import scan_log_likelihood
 from clustermcl.filter.search import branch_and_bound
 from clustermcl.filter.search.branch_and_bound import (
     BranchAndBoundSearch,
+    Circle,
     Leaves,
     SearchSpace,
     free_leaves,
@@ -21,22 +22,24 @@ ROOM = model_of(plain_room())
 STEP_RAD = 0.1
 
 
-def space_of(shards: int = 1) -> SearchSpace:
-    return SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, shards)
+def space_of(shards: int = 1, near: Circle | None = None) -> SearchSpace:
+    return SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, shards, near)
 
 
-def searched(rules: SearchSettings, shard: int = 0, seed: int = 0) -> Leaves:
+def searched(
+    rules: SearchSettings, shard: int = 0, seed: int = 0, near: Circle | None = None
+) -> Leaves:
     hits = seen_from(HERE, plain_room()).hits_in_robot
     rng = np.random.default_rng(seed)
-    grid = BranchAndBoundSearch(ROOM, space_of(rules.shards), hits, shard, rules, rng)
+    grid = BranchAndBoundSearch(ROOM, space_of(rules.shards, near), hits, shard, rules, rng)
     for _ in grid.slices():
         pass
     return grid.leaves()
 
 
-def brute_force() -> tuple[np.ndarray, np.ndarray]:
+def brute_force(near: Circle | None = None) -> tuple[np.ndarray, np.ndarray]:
     """All leaves that hold free cells, and their scores by the field itself."""
-    space, hits = space_of(), seen_from(HERE, plain_room()).hits_in_robot
+    space, hits = space_of(near=near), seen_from(HERE, plain_room()).hits_in_robot
     leaves = np.flatnonzero(space.free[-1])
     poses = np.concatenate(
         [space.poses(leaves, np.full(len(leaves), h)) for h in range(len(space.headings))]
@@ -45,14 +48,15 @@ def brute_force() -> tuple[np.ndarray, np.ndarray]:
     return poses, exponent * scan_log_likelihood(poses, hits, ROOM.field)
 
 
+@pytest.mark.parametrize("near", [None, (4.5, 1.0, 0.8)], ids=["everywhere", "not where it is"])
 @pytest.mark.parametrize("bound_below", [0.0, math.inf], ids=["no bounds", "all bounds"])
 def test_branch_and_bound_finds_all_leaves_within_the_margin_and_no_others(
-    bound_below: float, monkeypatch: pytest.MonkeyPatch
+    bound_below: float, near: Circle | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(branch_and_bound, "_BOUND_BELOW", bound_below)
-    poses, scores = brute_force()
+    poses, scores = brute_force(near)
     margin = 6.0
-    found = searched(SearchSettings(shards=1, poses=10_000_000, margin=margin))
+    found = searched(SearchSettings(shards=1, poses=10_000_000, margin=margin), near=near)
     assert found.sampled == 0.0
     # Steps of eight bits are rounded up: 72 beams are 0.0215 nat too high at most, by 0.1.
     rounding = 72 * 0.0215 * 0.1

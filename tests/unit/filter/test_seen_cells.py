@@ -46,3 +46,11 @@ def test_only_what_contradicts_the_map_is_news_where_nothing_is_watched() -> Non
 def test_a_cell_is_occupied_if_as_many_beams_end_there_as_pass_it() -> None:
     assert news_of(codes_of(GROUND), 4.0, 9.0) == {(10, 6): True, (10, 11): True}
     assert news_of(codes_of(GROUND), 4.0, 9.0, 9.0) == {(10, 11): True}
+
+
+def test_a_cell_at_or_next_to_an_end_is_free_only_if_many_beams_pass_it() -> None:
+    watched, beyond = codes_of(GROUND) | np.uint16(WATCHED), 11.0
+    two, three, four = (news_of(watched, 6.0, *[beyond] * count) for count in (2, 3, 4))
+    assert (two[10, 7], three[10, 7]) == (True, False)
+    assert (10, 8) not in three, "it is open"
+    assert not four[10, 8]
