@@ -69,6 +69,13 @@ def test_a_fit_that_falls_slowly_is_not_detected() -> None:
     assert not fit_after(*np.linspace(3.0, -3.0, 400).tolist()).has_fallen
 
 
+def test_the_usual_fit_follows_new_scans_and_those_that_fit_badly_less() -> None:
+    usual = UsualFit(3.0, 1.0)
+    assert usual.after(4.0, 0.5).mean == pytest.approx(3.0 + 0.1 * 0.5)
+    fallen = usual.after(-7.0, 0.5)
+    assert (fallen.mean, fallen.shortfall) == pytest.approx((3.0 - 10.0 * 0.1 * 0.5 / 5.0, 7.0))
+
+
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=50), st.floats(0.0, 1.0))
 def test_the_usual_fit_stays_finite_for_any_scans(scans: list[float], news: float) -> None:
     fit = UsualFit()

@@ -125,7 +125,7 @@ def test_a_scan_without_a_return_adds_no_evidence() -> None:
     nothing = Beams(seen.ranges[:0], seen.angles[:0], seen.robot_from_laser, 20.0)
     assert math.isnan(finished(search.advance(None, START, nothing, rng)))
     assert finished(search.places(rng)) == []
-    assert search.log_evidence == 0.0
+    assert (search.poses, search.log_evidence) == (0, 0.0)
     finished(search.advance(START, START, seen, rng))
     assert is_near(finished(search.places(rng))[0].mean, START)
     finished(search.advance(START, START, nothing, rng))

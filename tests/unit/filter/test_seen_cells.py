@@ -38,7 +38,8 @@ def test_a_beam_passes_cells_up_to_the_reach_and_not_those_next_to_its_end(
 
 def test_only_what_contradicts_the_map_is_news_where_nothing_is_watched() -> None:
     assert news_of(codes_of(GROUND), 6.0) == {(10, 8): True}
-    assert news_of(codes_of(WALL), 9.0) == {(10, 11): True, (10, 6): False}
+    for beams in (1, 31, 64):
+        assert news_of(codes_of(WALL), *[9.0] * beams) == {(10, 11): True, (10, 6): False}
     assert news_of(codes_of(WALL), 6.0) == {}, "it ends too little behind the wall to be sure"
     assert news_of(codes_of(GROUND), 13.0, -1.0, np.nan) == {}
 

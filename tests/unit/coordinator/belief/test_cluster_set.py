@@ -3,6 +3,7 @@ import re
 from pathlib import Path
 
 import hypothesis
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -143,6 +144,16 @@ def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
     one, other, _ = probabilities(made)
     gained = 2.0 * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
     assert math.log(one / other) == pytest.approx(math.log(1.5) + gained, abs=0.01)
+
+
+def test_how_well_the_map_explains_new_beams_is_learned() -> None:
+    made = first(0.75, 0.25, piece_evidence=2.0, kidnapping_probability=0.0)
+    familiar, unit = made.familiarity, made.piece_evidence
+    equal = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (1.0, 0.5, 1.0, 0.0)}
+    weigh(made, with_fits(equal), beams=unit * NEW)
+    assert made.familiarity != familiar
+    learned, expected = made.familiarity, familiar.after(1.0, 0.5 + 0.25 * 64 / 127)
+    assert msgspec.structs.astuple(learned) == pytest.approx(msgspec.structs.astuple(expected))
 
 
 @pytest.mark.parametrize("beams", [None, np.full(3, 0.5)])
