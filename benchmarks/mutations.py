@@ -236,21 +236,24 @@ def run(tree: Path, mutant: Mutant | None, tests: list[str]) -> None:
                "-o", "timeout=0", "-W", "ignore::pytest.PytestAssertRewriteWarning",
                "-W", "ignore::pytest.PytestConfigWarning",
                "--hypothesis-profile=mutants"]  # fmt: skip
-    os._exit(int(pytest.main([*options, *tests], [_Killer()])))
+    os._exit(int(pytest.main([*options, *tests], [_Killer(tree)])))
 
 
 class _Killer:
     """Notes the test that failed, or the file that could not be imported."""
 
+    def __init__(self, tree: Path) -> None:
+        self.note = tree / KILLER  # a test may change the folder
+
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed:
-            Path(KILLER).write_text(report.nodeid.split("[")[0])
+            self.note.write_text(report.nodeid.split("[")[0])
 
     pytest_collectreport = pytest_runtest_logreport
 
 
 def prepared(folder: Path, paths: set[str]) -> None:
-    """Put a copy of the tree there, with what numba has compiled; all tests near `paths` pass."""
+    """Put a copy of the tree there, with its library of kernels; all tests near `paths` pass."""
     tree = folder / "tree"
     for package in ROOT.glob("*/__init__.py"):
         if package.parent.is_symlink():
