@@ -15,9 +15,10 @@ from clustermcl.filter.advice.advice import (
     advised_ways,
     expected_gains,
 )
-from clustermcl.filter.advice.roads import MARGIN_M
+from clustermcl.filter.advice.roads import MARGIN_M, roads_of
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose
 from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.grid import Grid
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.pose_arrays import pose_tuple
@@ -154,6 +155,17 @@ def test_in_a_closed_room_ways_are_shorter_than_half_a_metre() -> None:
         question((5.0, 5.0, 0.0), (5.0, 5.0, 1.5)), model_of(cells), FilterSettings()
     )
     assert np.hypot(*spots[:, :2].T).max() < 0.5
+
+
+@pytest.mark.parametrize(("shape", "place"), [((7, 200), (10.0, 0.35, 0.0)),
+                                             ((200, 7), (0.35, 10.0, math.pi / 2))])  # fmt: skip
+def test_a_map_is_free_up_to_its_border(
+    shape: tuple[int, int], place: tuple[float, float, float]
+) -> None:
+    """A corridor of 0.7 m, in which a robot keeps 0.35 m on both sides and needs 0.3 m."""
+    grid = Grid(np.full(shape, FREE, np.int8), 0.1, np.zeros(3))
+    roads = roads_of(np.array([place]), np.zeros((1, 3, 3)), RADIUS_M, grid)
+    assert np.ptp(roads.nodes[roads.spots, 0]) > 15.0
 
 
 def test_places_outside_of_the_map_have_no_way() -> None:
