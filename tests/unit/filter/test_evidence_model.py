@@ -73,6 +73,8 @@ def test_the_usual_fit_follows_new_scans_and_those_that_fit_badly_less() -> None
     usual = UsualFit(3.0, 1.0)
     assert usual.after(4.0, 0.5).mean == pytest.approx(3.0 + 0.1 * 0.5)
     fallen = usual.after(-7.0, 0.5)
+    assert fallen.has_fallen
+    assert fallen.after(3.0, 0.5).shortfall == 0.0
     assert (fallen.mean, fallen.shortfall) == pytest.approx((3.0 - 10.0 * 0.1 * 0.5 / 5.0, 7.0))
 
 

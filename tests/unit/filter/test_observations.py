@@ -76,14 +76,18 @@ def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["id", "class"])
-def test_a_pose_has_the_same_ratio_among_poses_that_look_another_way(kind: str) -> None:
+@pytest.mark.parametrize("covariance", [TILTED, 4.0 * np.eye(2)], ids=["sharp", "vague"])
+def test_a_pose_has_the_same_ratio_among_poses_that_look_another_way(
+    kind: str, covariance: Array
+) -> None:
     """Landmarks that are out of sight of all poses together are left out."""
-    rng = np.random.default_rng(2)
+    rng, far = np.random.default_rng(2), np.array([4.0, -2.0])
+    seen = replace(KINDS[kind], mean=far, covariance=covariance)
     for place in rng.uniform((0, 0, -4), (10, 8, 4), (50, 3)):
-        poses = place + rng.normal(0.0, 0.02, (8, 3))
+        poses = place + rng.normal(0.0, (0.02, 0.02, 0.2), (8, 3))
         poses[0, 2] = rng.uniform(-4, 4)
-        together = log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID)
-        expected = [math.log(exact_ratio(pose, KINDS[kind])) for pose in poses]
+        together = log_likelihood_ratio(poses, [seen], LANDMARKS, GRID)
+        expected = [math.log(exact_ratio(pose, seen)) for pose in poses]
         np.testing.assert_allclose(together, expected, rtol=1e-12, atol=1e-12)
 
 

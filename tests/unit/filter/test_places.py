@@ -71,6 +71,14 @@ def test_the_hash_grid_agrees_with_the_naive_search(
     assert count == expected_count
 
 
+@pytest.mark.parametrize("off", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, np.pi / 2)])
+def test_a_pose_at_the_limit_of_the_reach_is_near(off: tuple[float, ...]) -> None:
+    for times, expected in ((1.0, 1), (1.001, 2)):
+        poses = np.array([np.zeros(3), times * np.array(off)])
+        _, count = cluster_by_source_point(poses, np.zeros(2), 1.0, np.pi / 2, 9)
+        assert count == expected
+
+
 def test_no_particles_make_no_clusters() -> None:
     labels, count = cluster_by_source_point(np.zeros((0, 3)), np.zeros(0), 1.0, 0.5, 2)
     assert labels.shape == (0,)

@@ -19,6 +19,7 @@ from clustermcl.belief.cluster_set import (
     ClusterSet,
     Given,
 )
+from clustermcl.filter.laser.evidence_model import scan_exponent, through_beam_loss
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
@@ -199,6 +200,14 @@ def test_a_better_fit_elsewhere_counts_only_if_beams_pass_through_walls_here(
     made = first(0.9, piece_evidence=2.0, kidnapping_probability=1e-9)
     weigh(made, with_fits({"c0": fits}, 0.5), math.log(5.0), beams=2.0 * NEW)
     assert made.elsewhere / probabilities(made)[0] == pytest.approx(gain / 9.0)
+
+
+def test_beams_through_walls_lower_the_fit_by_what_they_are_less_probable() -> None:
+    made, sensor = first(1.0, off_map_probability=0.05), SensorSettings()
+    weigh(made, with_fits({"c0": (1.0,) * 50 + (-1.0,) * 10}), beams=np.zeros(60))
+    lost = 10 * scan_exponent(60, sensor) * through_beam_loss(sensor)
+    assert lost > 1.0
+    assert made.fit.mean == pytest.approx(-lost)
 
 
 @pytest.mark.parametrize(("usual", "is_alarmed"), [(0, True), (30, False)])

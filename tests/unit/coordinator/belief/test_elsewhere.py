@@ -209,6 +209,15 @@ def test_no_search_runs_beside_a_given_pose_until_it_fails(
     assert (outcome.state == "localized") == (log_elsewhere == -40.0 or not fails)
 
 
+def test_a_robot_whose_first_place_was_given_is_lost_when_it_fails() -> None:
+    made = ensemble()
+    made.set_pose(place(0.95, EAST, 0))
+    for step, log_fit in enumerate([-2.0] * 5 + [-15.0] * 25, 1):
+        reports = [tracked("c0", step, math.exp(log_fit), EAST), elsewhere(step, -6.0)]
+        outcome = made.advance(step, reports)
+    assert (outcome.state, outcome.searching) == ("lost", True)
+
+
 @pytest.mark.parametrize("better", [False, True])
 def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended(
     better: bool,
