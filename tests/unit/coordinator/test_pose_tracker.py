@@ -301,3 +301,12 @@ def test_a_clock_that_is_set_makes_nothing_late(change_ns: int) -> None:
     lateness = prompt(0, 30.0)
     assert lateness.on_arrival(30 * SECOND + change_ns, 30 * SECOND) == 0
     assert lateness.on_arrival(31 * SECOND + change_ns, 31 * SECOND) == 0
+
+
+@pytest.mark.parametrize(("gates", "freshness"), [(4.999, "fresh"), (5.0, "dead_reckoning")])
+def test_from_the_configured_number_of_gates_on_the_pose_is_dead_reckoning(
+    gates: float, freshness: str
+) -> None:
+    tracker = believed_at()
+    tracker.since_step.gates = gates
+    assert answer(tracker, 0.5).freshness == freshness
