@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.cases import CELL_M, CENTRE, cells
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.beam_fits import fit_and_through
+from clustermcl.filter.laser.beam_fits import decoded
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
 from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SensorSettings
@@ -45,7 +45,7 @@ def steps(
         scan = _scan(step, seen_m + rng.normal(0.0, 0.02, len(seen_m)), angles)
         reports = [job.advance(scan) for job in jobs]
         beams = np.full(len(reports[0].fits), settings.belief.piece_evidence / 10)
-        evidence = np.array([fit_and_through(report.fits)[0] @ beams for report in reports])
+        evidence = np.array([decoded(report.fits)[0] @ beams for report in reports])
         log_belief = belief.updated(log_belief, evidence)
         yield log_belief
         step += 1

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
-from clustermcl.belief.explained import NO_PLACE, explains
+from clustermcl.belief.explained import NO_PLACE, Explained, explains
 from clustermcl.belief.ledger import Ledger
-from clustermcl.filter.laser.beam_fits import fit_and_through
+from clustermcl.filter.laser.beam_fits import decoded
 from clustermcl.filter.laser.evidence_model import (
     scan_exponent,
     short_beam_gain,
@@ -131,7 +131,7 @@ class _Update:
         )
 
     @cached_property
-    def _explained(self) -> dict[int, tuple[float, float, float]]:
+    def _explained(self) -> dict[int, Explained]:
         """What each place explains of the new beams; see `explains`."""
         found = {i: explains(r, self._beams) for i, r in enumerate(self._reports) if r}
         return {index: each for index, each in found.items() if each}
@@ -156,7 +156,7 @@ class _Update:
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         if rules.piece_evidence > 0.0:
-            evidence = np.array([self._explained.get(i, (math.nan,))[0] for i in range(len(among))])
+            evidence = self._of_pieces()
             self._learn(belief.updated(among, evidence))
         self._ledger.note_facts(
             fit=self._evidence - np.nanmax(self._evidence),
@@ -165,14 +165,22 @@ class _Update:
         )
         return belief.updated(among, evidence), log_scan
 
+    def _of_pieces(self) -> NDArray[np.float64]:
+        """Return (K,) evidence of what is new of the scan [nat]; NaN: unknown."""
+        behind = self._held.familiarity.behind(self._per_piece)
+        evidence = np.full(len(self._reports), math.nan)
+        for index, found in self._explained.items():
+            evidence[index] = found.front + behind * (found.fitting - found.front)
+        return evidence
+
     def _learn(self, among: NDArray[np.float64]) -> None:
         """Learn how much of what is new the probable places explain."""
-        held, found, evidence = self._held, self._explained, self._per_piece
+        held, found = self._held, self._explained
         if found:
             share = np.exp(belief.normalised_logs(among[list(found)]))
-            explained = float(share @ [each for each, _, _ in found.values()])
-            new = float(self._beams.sum())
-            held.familiarity = held.familiarity.after(new / evidence, explained / evidence)
+            fitting, _, _, front = (share @ list(found.values()) / self._per_piece).tolist()
+            new = float(self._beams.sum()) / self._per_piece
+            held.familiarity = held.familiarity.after(new, fitting, front)
 
     def observed(self, elsewhere: float) -> NDArray[np.float64]:
         """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.
@@ -192,7 +200,7 @@ class _Update:
         rules, explained = self._held.rules, self._explained
         if 0.0 in (rules.kidnapping_probability, rules.off_map_probability) or not explained:
             return 0.0
-        clear = np.array([each for _, each, _ in explained.values()])
+        clear = np.array([each.clear for each in explained.values()])
         here = float(np.logaddexp.reduce(belief.normalised_logs(among[list(explained)]) + clear))
         other = NO_PLACE * float(self._beams.sum())
         if decoy is not None:
@@ -207,7 +215,7 @@ class _Update:
         if not found:
             return 0.0
         share = np.exp(belief.normalised_logs(among[list(found)]))
-        return float(share @ [through - clear for _, clear, through in found.values()])
+        return float(share @ [each.through - each.clear for each in found.values()])
 
     def follow_fit(self, log_scan: float, log_best: float) -> None:
         """Learn how well scans fit while the robot is localized."""
@@ -261,6 +269,6 @@ class _Update:
 
 def _counts(report: TrackReport) -> tuple[int, int, int]:
     """Return the numbers of beams, of those that end before any obstacle, and through walls."""
-    fits, through = fit_and_through(report.fits)
+    fits, through, _ = decoded(report.fits)
     short = np.count_nonzero((fits < MISSED) & ~through)
     return len(fits), int(short), int(np.count_nonzero(through))

@@ -1,17 +1,32 @@
 """How much a place explains of what is new of a scan."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from clustermcl.filter.laser.beam_fits import fit_and_through
+from clustermcl.filter.laser.beam_fits import decoded
 from clustermcl.protocol.work import TrackReport
 
 NO_PLACE = 0.2
 """Least share of what is new of a scan that a right place explains, without beams through walls."""
 
 
-def explains(report: TrackReport, beams: NDArray[np.float64]) -> tuple[float, float, float] | None:
-    """Return the evidence of a scan's beams at a place: all, but for, and only through walls [nat].
+class Explained(NamedTuple):
+    """Evidence of what is new of a scan at a place [nat]."""
+
+    fitting: float
+    """Of beams that fit, by how well they fit."""
+    clear: float
+    """The same but for beams through walls."""
+    through: float
+    """Of beams through walls, whether they fit or not."""
+    front: float
+    """As `fitting`, but for occluded beams: the neighbours of these go through walls, too."""
+
+
+def explains(report: TrackReport, beams: NDArray[np.float64]) -> Explained | None:
+    """Return what a place explains of a scan.
 
     Args:
         report: contains the fits of the beams.
@@ -22,6 +37,6 @@ def explains(report: TrackReport, beams: NDArray[np.float64]) -> tuple[float, fl
     """
     if len(report.fits) != len(beams):
         return None
-    fits, through = fit_and_through(report.fits)
-    clear = np.where(through, 0.0, fits)
-    return tuple((np.array([fits, clear, through]) @ beams).tolist())
+    fits, through, occluded = decoded(report.fits)
+    clear, front = np.where(through, 0.0, fits), np.where(occluded, 0.0, fits)
+    return Explained(*(np.array([fits, clear, through, front]) @ beams).tolist())

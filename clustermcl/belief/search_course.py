@@ -203,15 +203,17 @@ class Decoy(Part):
             return None
         rest = max(1.0 - math.fsum(place.probability for place, _, _ in told), LEAST_REST)
         of_rest = math.log(rest) + NO_PLACE * float(beams.sum())
-        weighed = np.array([*(place.log_probability + each[1] for place, _, each in told), of_rest])
+        weighed = np.array(
+            [*(place.log_probability + each.clear for place, _, each in told), of_rest]
+        )
         mean = float(np.logaddexp.reduce(weighed))
         moved = {
             place.cluster: replace(place, pose=r.pose, covariance=r.covariance, log_probability=log)
             for (place, r, _), log in zip(told, (weighed[:-1] - mean).tolist(), strict=True)
         }
         self.places = tuple(moved.get(place.cluster, place) for place in self.places)
-        _, _, (_, best, _) = max(told, key=lambda one: one[1].log_likelihood_per_beam)
-        return min(mean, best)
+        _, _, best = max(told, key=lambda one: one[1].log_likelihood_per_beam)
+        return min(mean, best.clear)
 
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool

@@ -7,20 +7,23 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Points, Pose
 from clustermcl.filter.kernels.compiled import ToCells, kernel, plain, read_only
+from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, always_meets, slack_turns
 from clustermcl.filter.laser.pyramid import Level
 from clustermcl.filter.laser.ray_casting import JumpField, cast_ray, flat
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 
-THROUGH_M = 0.45
-"""A beam went through a wall if it ends this far behind the first obstacle on its way [m]."""
+THROUGH, OCCLUDED = 1, 2
+"""The lowest bits of a fit: an obstacle is in the beam's way, and in its neighbours' too."""
 
 
 def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrored: bool) -> bytes:
     """Return the fit of each beam that returned, at a (3,) pose.
 
-    Seven bits of a byte are the beam's log-likelihood in the field, from that of an end far from
-    all obstacles (0) to that of one on an obstacle (127); the lowest is 1 for a beam through a
-    wall. The beams of mirrored scans are in the order of those that they mirror.
+    Six bits of a byte are the beam's log-likelihood in the field, from that of an end far from all
+    obstacles (0) to that of one on an obstacle (63). The lowest bit is 1 for a beam through a wall,
+    which ends `OCCLUSION_MARGIN_M` or more behind an obstacle; the next, if rays turned slightly to
+    either side meet one, too (`always_meets`). The beams of mirrored scans are in the order of
+    those that they mirror.
     """
     grid, level = model.grid, model.pyramid.levels[-1]
     parts = []
@@ -33,17 +36,17 @@ def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrore
             read_only(level),
             read_only(model.jumps),
             grid.in_cells,
-            THROUGH_M / grid.cell_m,
+            OCCLUSION_MARGIN_M / grid.cell_m,
             fits,
         )
         parts.append(fits[::-1] if mirrored else fits)
     return np.concatenate(parts).tobytes()
 
 
-def fit_and_through(fits: bytes) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return (B,) fits of beams, from 0 to 1, and whether each went through a wall."""
+def decoded(fits: bytes) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return (B,) fits of beams, 0 to 1, whether each went through a wall, and is occluded."""
     codes = np.frombuffer(fits, np.uint8)
-    return (codes >> 1) / 127.0, (codes & 1).astype(bool)
+    return (codes >> 2) / 63.0, (codes & THROUGH) != 0, (codes & OCCLUDED) != 0
 
 
 @kernel
@@ -54,10 +57,10 @@ def _fit(
     level: Level,
     jumps: JumpField,
     in_cells: ToCells,
-    behind: float,
+    margin: float,
     fits: NDArray[np.uint8],
 ) -> None:
-    (c, s, x0, y0), ahead = in_cells, flat(jumps)
+    (c, s, x0, y0), ahead, turns = in_cells, flat(jumps), slack_turns()
     rows, cols = jumps.shape[1], jumps.shape[2]
     side = level.shape[0]
     ch, sh = cos(pose[2]), sin(pose[2])
@@ -74,10 +77,10 @@ def _fit(
             row, col = int(to_row) - side // 2 + side, int(to_col) - side // 2 + side
             code = int(level[row % side, col % side, row // side, col // side])
         dx, dy = to_col - from_col, to_row - from_row
-        length = sqrt(dx * dx + dy * dy)
-        through = 0
-        if length > behind and cast_ray(ahead, from_col, from_row, dx, dy, 1.0) < (
-            1.0 - behind / length
-        ):
-            through = 1
-        fits[j] = (code & 0xFE) | through
+        share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
+        code &= 0xFC
+        if share > 0.0 and cast_ray(ahead, from_col, from_row, dx, dy, share) < share:
+            code |= THROUGH
+            if always_meets(ahead, (from_col, from_row), (dx, dy), share, turns):
+                code |= OCCLUDED
+        fits[j] = code

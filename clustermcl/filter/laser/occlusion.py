@@ -36,14 +36,7 @@ def occluded_scores(
     """Return (N,) scores of occluded beams; `margin` is in cells."""
     c, s, x0, y0 = in_cells
     rows, cols = jumps.shape[1], jumps.shape[2]
-    sums, ahead = np.zeros(len(poses)), flat(jumps)
-    # The ray itself, and one slightly to either side of it.
-    back = -2.0 * OCCLUSION_SLACK_RAD
-    turns = (
-        (1.0, 0.0),
-        (cos(OCCLUSION_SLACK_RAD), sin(OCCLUSION_SLACK_RAD)),
-        (cos(back), sin(back)),
-    )
+    sums, ahead, turns = np.zeros(len(poses)), flat(jumps), slack_turns()
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         laser_x = poses[i, 0] + ch * laser[0] - sh * laser[1]
@@ -62,13 +55,20 @@ def occluded_scores(
             share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
             if not (code > 0 and share > 0.0):
                 continue
-            if _always_meets(ahead, (from_col, from_row), (dx, dy), share, turns):
+            if always_meets(ahead, (from_col, from_row), (dx, dy), share, turns):
                 sums[i] += code * (log_step * stride)
     return sums
 
 
 @kernel
-def _always_meets(
+def slack_turns() -> tuple[tuple[float, float], ...]:
+    """Return cosine and sine of the turns to a ray itself, and to one slightly to either side."""
+    slack, back = OCCLUSION_SLACK_RAD, -2.0 * OCCLUSION_SLACK_RAD
+    return (1.0, 0.0), (cos(slack), sin(slack)), (cos(back), sin(back))
+
+
+@kernel
+def always_meets(
     jumps: FlatJumps,
     start: tuple[float, float],
     way: tuple[float, float],

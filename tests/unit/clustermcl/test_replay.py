@@ -16,7 +16,7 @@ from clustermcl.commands.command import app
 from clustermcl.coordinator.events import WorkerChanged
 from clustermcl.coordinator.recorder.records import Head, RecordedEvent
 from clustermcl.coordinator.recorder.ring import files_in
-from clustermcl.filter.laser.beam_fits import fit_and_through
+from clustermcl.filter.laser.beam_fits import decoded
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.protocol.answers import SetPose
 from clustermcl.protocol.errors import ClusterMclError, SettingsError
@@ -121,17 +121,15 @@ def test_a_file_of_the_recording_or_the_folder_above_will_do(
     assert run(tmp_path).stdout == whole
 
 
-def squared(found: tuple[NDArray[np.float64], NDArray[np.bool_]]) -> tuple[Any, Any]:
-    return found[0] ** 2, found[1]
+def squared(fits: NDArray[np.float64], *flags: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
+    return fits**2, *flags
 
 
 def test_a_belief_that_differs_has_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the filter had been changed since."""
-    monkeypatch.setattr(
-        bayes_update, "fit_and_through", lambda fits: squared(fit_and_through(fits))
-    )
+    monkeypatch.setattr(bayes_update, "decoded", lambda fits: squared(*decoded(fits)))
     result = run(recording)
     assert result.exit_code == 1
     assert "differs from the recorded belief" in result.stdout

@@ -22,7 +22,7 @@ from clustermcl.simulator.simulation import Simulation, simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 from tests.unit.recordings import recording_or_skip
 
-FOUND_WITHIN = 40
+FOUND_WITHIN = 60
 NAMED_AT, EVERY, STEPS = 5, 30, 70
 WORLD = eight_rooms()
 

@@ -153,7 +153,8 @@ def test_how_well_the_map_explains_new_beams_is_learned() -> None:
     equal = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (1.0, 0.5, 1.0, 0.0)}
     weigh(made, with_fits(equal), beams=unit * NEW)
     assert made.familiarity != familiar
-    learned, expected = made.familiarity, familiar.after(1.0, 0.5 + 0.25 * 64 / 127)
+    explained = 0.5 + 0.25 * 32 / 63
+    learned, expected = made.familiarity, familiar.after(1.0, explained, explained)
     assert msgspec.structs.astuple(learned) == pytest.approx(msgspec.structs.astuple(expected))
 
 

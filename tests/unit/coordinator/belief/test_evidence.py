@@ -5,6 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.familiarity import Familiarity
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.settings import SearchSettings
@@ -149,6 +150,22 @@ def test_a_piece_of_wall_counts_once_however_often_the_robot_turns() -> None:
     assert 0.03 < once[0] < 0.3
     odds = turned(made, 32, 14)[0]
     assert math.log(odds) > 2.0 * math.log(once[0])
+
+
+def test_beams_that_fit_behind_walls_speak_for_a_place_in_a_changed_building_only() -> None:
+    behind = bytes([63 << 2 | 3] * 3)
+    half = {}
+    for learned in (Familiarity(new=60.0, explained=50.0, front=20.0), Familiarity()):
+        made = two_places()
+        made.clusters.familiarity = learned
+        reports = [
+            replace(tracked("c0", 1, 1.0, NORTH), fits=behind),
+            tracked("c1", 1, 1.0, SOUTH, fits=[1.0] * 3),
+            elsewhere(1, -40.0, ends=[(3.0, 0.0), (0.0, 3.0), (-3.0, 0.0)]),
+        ]
+        half[learned.front] = probabilities(made.advance(1, reports, TURN))[0]
+    assert half[20.0] == pytest.approx(0.5, abs=1e-6)
+    assert half[Familiarity().front] < 0.45
 
 
 def test_seen_pieces_are_transferred_with_the_belief() -> None:
