@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
 from clustermcl.belief.bayes_update import OPEN, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
-from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
+from clustermcl.belief.given_places import candidate, with_prior_pose
 from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
-from clustermcl.belief.part import Count, Part
+from clustermcl.belief.part import Part
 from clustermcl.belief.particle_shares import (
     SHARE_AFTER_STEPS,
     particles_of,
@@ -67,15 +67,13 @@ class Ensemble(Part, kw_only=True):
     clusters: ClusterSet
     search: SearchCourse
     decoy: Decoy
-    prior_pose: PriorPose | None = None
+    prior_pose: Place | None = None
     """A pose from an earlier run; it is used until the first search has ended."""
     seen: ViewMemory = ViewMemory()
     """What the places that it may be at have seen, for advice where to drive."""
     pieces: Pieces = Pieces()
-    found: bool = False
-    """Whether a place was found since the last search that began without any."""
-    founding_search: Count = 1
-    """Number of that search; 0: there was none, since a pose was given."""
+    founding: bool = True
+    """Whether the first search since all places were forgotten has found none yet."""
     begin: dict[str, Job] = {}
     events: list[JobEvent] = []
 
@@ -113,7 +111,7 @@ class Ensemble(Part, kw_only=True):
         """The expected jobs that may report later: searches, while clusters are tracked."""
         return self.search_ids if len(self.clusters) else ()
 
-    def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
+    def begin_at(self, step: int, prior_pose: Place | None = None) -> dict[str, Job]:
         """Start the first search, before the first step; return the jobs that process its scan."""
         self.prior_pose = prior_pose
         self.begin |= self.standing_jobs(step)
@@ -208,8 +206,7 @@ class Ensemble(Part, kw_only=True):
         Look-alikes do not enter beside it until scans speak against it, and a search begins.
         """
         self._forget(given.sample.step, "forgotten")
-        self.found = False
-        self.founding_search = 0
+        self.founding = False
         self.clusters.expect_given()
         weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], given.sample.step)
@@ -233,8 +230,7 @@ class Ensemble(Part, kw_only=True):
             corners: opposite ones of the rectangle to search first; None: the whole map.
         """
         self._forget(step, cause)
-        self.found = False
-        self.founding_search = self.search.begun + 1
+        self.founding = True
         self._start_search(step + 1, near, corners)
         return self.outcome(step)
 
@@ -287,7 +283,7 @@ class Ensemble(Part, kw_only=True):
             return
         if fails:
             self.clusters.give_up_given()
-        lifted = self._is_elsewhere and not was_elsewhere and not self._is_founding
+        lifted = self._is_elsewhere and not was_elsewhere and not self.founding
         if fails or lifted or fell:
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
@@ -312,6 +308,7 @@ class Ensemble(Part, kw_only=True):
             self._admit_candidates(fresh, step, is_over=is_over)
         if is_over:
             self.events += self.search.stop(step, "search over")
+            self.founding &= self._is_elsewhere
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
@@ -326,8 +323,7 @@ class Ensemble(Part, kw_only=True):
             return
         entering: list[Candidate] = [(place, "first search") for place in first]
         if self.prior_pose is not None:
-            odom_from_robot = first[0].sample.odom_from_robot
-            entering = with_prior_pose(first, self.prior_pose, odom_from_robot, self.settings)
+            entering = with_prior_pose(first, self.prior_pose, self.settings.belief)
         self.prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         before = self.clusters.elsewhere
@@ -430,7 +426,7 @@ class Ensemble(Part, kw_only=True):
         """Return the outcome of a step or a command; jobs and events only at the first call."""
         is_confirmed = any(cluster.confirmed for cluster in self.clusters.all())
         most = self.settings.belief.lost_probability
-        self.found |= is_confirmed and self.clusters.outside_clusters <= most
+        self.founding &= not is_confirmed or self.clusters.outside_clusters > most
         events, self.events = tuple(self.events), []
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
@@ -460,19 +456,12 @@ class Ensemble(Part, kw_only=True):
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
         if not len(self.clusters):
             return "searching"
-        if (self._lost and self._is_founding) or (self._is_elsewhere and not self.found):
-            return "searching"  # nothing was lost: it was nowhere before this search
-        if self._lost:
-            return "lost"
+        if self._lost:  # while the first search runs, nothing was lost
+            return "searching" if self.founding else "lost"
         if not self.clusters.by_probability()[0].confirmed:
             return "searching"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
-
-    @property
-    def _is_founding(self) -> bool:
-        """Whether the search runs that began without any place."""
-        return self.search.runs and self.search.begun == self.founding_search
 
     @property
     def _is_patient(self) -> bool:

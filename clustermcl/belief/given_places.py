@@ -1,19 +1,16 @@
 """Candidate places around a given pose, or around the last pose of an earlier run."""
 
-import math
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from clustermcl.belief.cluster_set import Candidate
-from clustermcl.belief.overlaps import is_near
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose, generator
-from clustermcl.filter.settings import FilterSettings
+from clustermcl.filter.settings import BeliefSettings
 from clustermcl.protocol.arrays import ArrayBlob
-from clustermcl.protocol.message import Covariance, NumberOrNone, PoseTuple, Probability
+from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
 from clustermcl.protocol.work import Particles, Place
 
@@ -58,64 +55,20 @@ def moved_pose(pose: PoseTuple, then: PoseTuple, now: PoseTuple) -> PoseTuple:
     return pose_tuple(compose(np.array(pose), between(np.array(then), np.array(now))))
 
 
-class PriorPose(msgspec.Struct, frozen=True):
-    """A pose from an earlier run; it is used until the first search has ended."""
+def with_prior_pose(found: Sequence[Place], prior: Place, rules: BeliefSettings) -> list[Candidate]:
+    """Return the places of a first search and the robot's last pose, as candidates.
 
-    step: NumberOrNone
-    odom_from_robot: PoseTuple
-    pose: PoseTuple
-    covariance: Covariance
-    probability: Probability
-
-
-def with_prior_pose(
-    found: Sequence[Place],
-    prior: PriorPose,
-    odom_from_robot: PoseTuple,
-    settings: FilterSettings,
-) -> list[Candidate]:
-    """Return the places of a search and the prior place, as candidates.
-
-    A found place near the prior one gets its probability. Otherwise the prior place is added; if
-    there is no room, the least probable found place is dropped.
+    They share what the last pose leaves. If it is one of them, they merge.
 
     Args:
         found: most probable first; their shares are probabilities.
         prior: the place as it was after an earlier step; it is tracked from there.
-        odom_from_robot: odometry now, by which the prior place is moved.
-        settings: settings of the filter.
+        rules: contain the largest number of clusters.
     """
-    rules = settings.belief
-    now = moved_pose(prior.pose, prior.odom_from_robot, odom_from_robot)
-    means = [place.pose for place in found]
-    is_there = is_near(means, [now], rules.merge_distance_m, rules.merge_heading_rad)
-    there = int(np.argmax(is_there)) if is_there.any() else None
-    kept = found if there is not None else found[: rules.max_clusters - 1]
-    total = math.fsum(place.share for place in kept)
-    if not kept or total <= 0.0:
-        return [(_offered(now, prior, 1.0, settings), "prior pose")]
-    left = (1.0 - prior.probability) / total
-    scaled = [replace(place, share=place.share * left) for place in kept]
-    if there is not None:
-        raised = scaled[there].share + prior.probability
-        scaled[there] = replace(scaled[there], share=raised)
-    both: list[Candidate] = [(place, "first search") for place in scaled]
-    if there is None:
-        both.append((_offered(now, prior, prior.probability, settings), "prior pose"))
-    return both
-
-
-def _offered(
-    mean: PoseTuple, prior: PriorPose, probability: float, settings: FilterSettings
-) -> Place:
-    start = candidate(
-        probability,
-        prior.pose,
-        prior.covariance,
-        seed=settings.seed,
-        purpose=Purpose.LAST_POSE,
-        entity=0,
-        step=prior.step,
-        odom_from_robot=prior.odom_from_robot,
-    )
-    return replace(start, pose=mean)
+    kept = found[: rules.max_clusters - 1]
+    now = moved_pose(prior.pose, prior.sample.odom_from_robot, found[0].sample.odom_from_robot)
+    left = 1.0 - prior.share
+    return [
+        *((replace(place, share=left * place.share), "first search") for place in kept),
+        (replace(prior, pose=now), "prior pose"),
+    ]

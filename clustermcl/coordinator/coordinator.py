@@ -11,7 +11,6 @@ import msgspec
 from msgspec import field
 from msgspec.structs import replace
 
-from clustermcl.belief.given_places import PriorPose
 from clustermcl.belief.outcome import belief_after
 from clustermcl.belief.part import Part
 from clustermcl.coordinator import events
@@ -35,7 +34,7 @@ from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import Checkpoint, WorkerState
+from clustermcl.protocol.work import Checkpoint, Place, WorkerState
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 
 SIGN_OF_LIFE_NS = 400_000_000
@@ -331,7 +330,7 @@ class Coordinator(Part):
         state.placement.jobs.begin(state.ensemble.begin_at(first, self._prior_pose(scan)))
         state.changed = True
 
-    def _prior_pose(self, scan: Scan) -> PriorPose | None:
+    def _prior_pose(self, scan: Scan) -> Place | None:
         """Return the robot's last pose, if it can be a hypothesis at this scan."""
         last, settings = self.last_place, self.state.settings
         if last is None or settings.last_pose_probability == 0.0 or self.state.commands.forgets:
@@ -340,7 +339,8 @@ class Coordinator(Part):
         is_live = last.live and self.state.pose.live
         if last.map_digest != scan.map_digest or not (is_live or settings.state_folder):
             return None
-        return last.as_prior_at(scan, settings.last_pose_probability)
+        seed = self.state.filter_settings.seed
+        return last.as_prior_at(scan, settings.last_pose_probability, seed)
 
     def _resume_late(self, now_ns: int) -> list[do.Instruction]:
         """Continue from a state that counts since the coordinator leads, if it has no place yet."""

@@ -9,14 +9,15 @@ from collections.abc import Iterable
 
 import msgspec
 
-from clustermcl.belief.given_places import PriorPose, diagonal, moved_pose
+from clustermcl.belief.given_places import candidate, diagonal, moved_pose
 from clustermcl.belief.part import Part
 from clustermcl.coordinator.checkpoint import CheckpointState
 from clustermcl.coordinator.instructions import AskState, FetchScans
+from clustermcl.filter.random_streams import Purpose
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import Checkpoint, TakeOver, WorkerState
+from clustermcl.protocol.work import Checkpoint, Place, TakeOver, WorkerState
 
 APART_US = 1_000_000
 """A new term exceeds every known term by at least this much: the epochs of a term's jobs follow the
@@ -111,7 +112,7 @@ class LastPlace(msgspec.Struct, frozen=True):
             covariance=best.covariance,
         )
 
-    def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
+    def as_prior_at(self, scan: Scan, probability: float, seed: int) -> Place:
         """Return the pose at a scan, with more uncertainty because the robot may have been moved.
 
         The motion by odometry is added, unless the odometry was reset: then it probably stood.
@@ -119,12 +120,15 @@ class LastPlace(msgspec.Struct, frozen=True):
         before, now = self.odom_from_robot, scan.odom_from_robot
         was_reset = _is_near_origin(now) and not _is_near_origin(before)
         spread = covariance_matrix(self.covariance) + covariance_matrix(MOVED_BY_HAND)
-        return PriorPose(
+        return candidate(
+            probability,
+            self.pose if was_reset else moved_pose(self.pose, before, now),
+            covariance_tuple(spread),
+            seed=seed,
+            purpose=Purpose.LAST_POSE,
+            entity=0,
             step=scan.step,
             odom_from_robot=now,
-            pose=self.pose if was_reset else moved_pose(self.pose, before, now),
-            covariance=covariance_tuple(spread),
-            probability=probability,
         )
 
 

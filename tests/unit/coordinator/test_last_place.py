@@ -36,8 +36,8 @@ def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
 
 def test_odometry_since_the_last_run_moves_the_last_pose_unless_it_was_reset() -> None:
     last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
-    assert last.as_prior_at(scan(0, x_m=0.1), 0.1).pose == pytest.approx(EAST)
-    prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
+    assert last.as_prior_at(scan(0, x_m=0.1), 0.1, 0).pose == pytest.approx(EAST)
+    prior = last.as_prior_at(scan(9, x_m=4.0), 0.1, 0)
     assert prior.pose == pytest.approx((10.0, 6.0, math.pi / 2))
-    assert prior.odom_from_robot == (4.0, 0.0, 0.0)
+    assert prior.sample.odom_from_robot == (4.0, 0.0, 0.0)
     assert prior.covariance[0] > last.covariance[0]

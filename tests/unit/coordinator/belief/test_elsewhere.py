@@ -283,11 +283,10 @@ def test_a_robot_among_more_look_alikes_than_clusters_is_never_lost() -> None:
 def test_the_first_search_has_lost_nothing_also_if_the_robot_may_be_off_the_map() -> None:
     made = ensemble()
     made.begin_at(0)
-    found = made.advance(
-        0, [elsewhere(0, -3.0), searched("s0.0", 0, {NORTH: 0.8}, left_out_gap=0.0)]
-    )
-    assert (found.state, found.searching) == ("ambiguous", True)
-    made.clusters.log_off_map = math.log(0.7)
+    found = searched("s0.0", 0, {NORTH: 0.3}, left_out_gap=0.0)
+    assert made.advance(0, [elsewhere(0, -3.0), found]).state == "searching"
+    made.clusters.log_elsewhere, made.clusters.log_off_map = math.log(0.1), math.log(0.7)
     assert made.outcome(0).state == "searching"
-    made.search.stop(0, "search over")
-    assert made.outcome(0).state == "lost"
+    over = searched("s0.0", 1, {NORTH: 1.0})
+    ended = made.advance(1, [*at_north(1, -3.0, -3.0), over])
+    assert (ended.state, ended.searching) == ("lost", False)

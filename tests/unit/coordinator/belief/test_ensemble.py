@@ -166,7 +166,7 @@ def test_the_first_scan_after_a_given_pose_decides(log_elsewhere: float | None) 
     if log_elsewhere is not None:
         reports.append(elsewhere(2, log_elsewhere))
     weighed = made.advance(2, reports, np.zeros(3))
-    assert weighed.state == ("searching" if log_elsewhere == math.log(5.0) else "localized")
+    assert weighed.state == ("ambiguous" if log_elsewhere == math.log(5.0) else "localized")
     assert made.advance(3, [], np.zeros(3)).state == weighed.state
 
 

@@ -1,23 +1,20 @@
-import math
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.belief.cluster_set import Candidate
 from clustermcl.belief.ensemble import Ensemble
-from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
+from clustermcl.belief.given_places import candidate, with_prior_pose
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.job_events import Began
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import Place
-from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, place, searched
+from tests.unit.coordinator.reports import literal_bayes, place, searched
 
 RULES = FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(max_clusters=3))
 ORIGIN = (0.0, 0.0, 0.0)
-OFFER = PriorPose(
-    step=4, odom_from_robot=ORIGIN, pose=(5.0, 5.0, 0.0), covariance=NO_SPREAD, probability=0.1
-)
+OFFER = place(0.1, (5.0, 5.0, 0.0), 4)
 
 
 def found(*places: tuple[float, PoseTuple]) -> list[Place]:
@@ -45,9 +42,8 @@ def test_the_particles_of_a_given_place_are_those_of_its_covariance_and_its_step
 
 
 def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
-    both = with_prior_pose(
-        found((0.6, (1.0, 1.0, 0.0)), (0.4, (9.0, 1.0, 0.0))), OFFER, ORIGIN, RULES
-    )
+    places = found((0.6, (1.0, 1.0, 0.0)), (0.4, (9.0, 1.0, 0.0)))
+    both = with_prior_pose(places, OFFER, RULES.belief)
     assert shares(both) == pytest.approx([0.54, 0.36, 0.1])
     assert [cause for _, cause in both] == ["first search", "first search", "prior pose"]
     offered, _ = both[2]
@@ -55,24 +51,15 @@ def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
     assert offered.sample.step == 4, "it is tracked from where it was"
 
 
-def test_a_prior_pose_makes_a_found_place_more_probable() -> None:
-    both = with_prior_pose(
-        found((0.6, (1.0, 1.0, 0.0)), (0.4, (5.2, 5.0, 0.1))), OFFER, ORIGIN, RULES
-    )
-    assert shares(both) == pytest.approx([0.54, 0.46])
-    assert [cause for _, cause in both] == ["first search", "first search"]
-
-
 def test_a_prior_pose_replaces_the_least_probable_place() -> None:
     three = found((0.5, (1.0, 1.0, 0.0)), (0.3, (9.0, 1.0, 0.0)), (0.2, (9.0, 9.0, 0.0)))
-    kept = with_prior_pose(three, OFFER, ORIGIN, RULES)
-    assert len(kept) == 3
-    assert math.fsum(shares(kept)) == pytest.approx(1.0)
-    assert shares(kept)[2] == pytest.approx(0.1)
+    assert shares(with_prior_pose(three, OFFER, RULES.belief)) == pytest.approx([0.45, 0.27, 0.1])
 
 
 def test_a_prior_pose_is_moved_by_odometry() -> None:
-    _, (offered, _) = with_prior_pose(found((1.0, ORIGIN)), OFFER, (2.0, 0.0, 0.0), RULES)
+    (there,) = found((1.0, ORIGIN))
+    later = replace(there, sample=replace(there.sample, odom_from_robot=(2.0, 0.0, 0.0)))
+    _, (offered, _) = with_prior_pose([later], OFFER, RULES.belief)
     assert offered.pose == pytest.approx((7.0, 5.0, 0.0))
 
 
