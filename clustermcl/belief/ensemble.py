@@ -6,7 +6,7 @@ step number, so it does not depend on when a message arrives.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -33,6 +33,7 @@ from clustermcl.filter.cluster.cluster_filter import new_share
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.laser.pieces import Pieces
+from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.answers import Hypothesis, State
@@ -158,6 +159,7 @@ class Ensemble(Part, kw_only=True):
             news = new_share(before_from_after, self.settings.cluster)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
         ledger = Ledger(self.clusters)
+        self.pieces = self.pieces.moved(self._motion(tracks, before_from_after))
         beams, unseen = self._new_of_beams(elsewhere, in_cabin=in_cabin)
         weigh(
             self.clusters,
@@ -248,6 +250,15 @@ class Ensemble(Part, kw_only=True):
             self.seen, before_from_after = ViewMemory(), np.zeros(3)
         rules = self.settings
         _, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
+
+    def _motion(self, tracks: Mapping[str, TrackReport], before_from_after: Pose | None) -> Pose:
+        """Return the motion of the most probable place: its scans correct odometry."""
+        if before_from_after is None:
+            return np.zeros(3)
+        best = next(iter(self.clusters.by_probability()), None)
+        if best is None or best.job_id not in tracks:
+            return before_from_after
+        return between(np.array(best.pose), np.array(tracks[best.job_id].pose))
 
     def _new_of_beams(
         self, elsewhere: ElsewhereReport | None, *, in_cabin: bool

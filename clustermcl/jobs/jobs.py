@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.filter.arrays import Points, Pose
+from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.laser.beam_fits import beam_fits
@@ -256,7 +256,7 @@ class Elsewhere(RunningJob):
             **self._head(scan.step),
             log_likelihood=log_likelihood,
             log_observed=log_observed,
-            seen=ArrayBlob.of(_seen(np.array(scan.odom_from_robot), beams), "float64"),
+            seen=ArrayBlob.of(beams.hits_in_robot, "float64"),
             places=found,
         )
 
@@ -291,15 +291,6 @@ class Elsewhere(RunningJob):
 
     def handed_on(self) -> work.Assignment:
         return replace(self.assignment, job=work.ElsewhereJob(first_step=self.step + 1))
-
-
-def _seen(odom_from_robot: Pose, beams: Beams) -> Points:
-    """Return (1 + B, 2) the robot's position and the ends of its beams, in odometry [m]."""
-    x, y, heading = odom_from_robot
-    c, s = math.cos(heading), math.sin(heading)
-    hits = beams.hits_in_robot
-    turned = np.column_stack((c * hits[:, 0] - s * hits[:, 1], s * hits[:, 0] + c * hits[:, 1]))
-    return np.asarray(np.concatenate((np.zeros((1, 2)), turned)) + np.array([x, y]))
 
 
 def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) -> FoundPlaces:

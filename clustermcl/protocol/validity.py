@@ -12,6 +12,7 @@ import numpy as np
 from clustermcl.protocol import work
 from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import MalformedMessageError
@@ -61,8 +62,7 @@ def _problems(message: object) -> Iterator[str | None]:
         case work.SearchReport(places=places):
             yield found_places_problem(places)
         case work.ElsewhereReport(seen=seen, places=places):
-            is_empty = seen is not None and not len(seen.checked(None, 2))
-            yield "no ends of beams" if is_empty else None
+            yield _ends_problem(seen)
             yield None if places is None else found_places_problem(places)
         case SetPose(pose=pose, covariance=tuple() as covariance):
             yield gaussian_problem(pose, covariance)
@@ -81,6 +81,13 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
     return key_of(problem) if (problem := pose_problem(mean)) else None
+
+
+def _ends_problem(ends: ArrayBlob | None) -> str | None:
+    """Return None, or raise a `MalformedMessageError`."""
+    if ends is not None:
+        ends.checked(None, 2)
+    return None
 
 
 def _particles_problem(particles: work.Particles) -> str | None:

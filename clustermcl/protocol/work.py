@@ -204,7 +204,7 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     places: FoundPlaces
 
 
-class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/1"):
+class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/2"):
     """A scan's likelihood over the whole map. Sent like `TrackReport`."""
 
     max_bytes: ClassVar[int] = LARGEST_BYTES
@@ -218,7 +218,7 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
     """Log of the average likelihood ratio of the step's observations over the free space, or more
     where places that they allow also fit the scan."""
     seen: ArrayBlob | None = None
-    """(1 + B, 2) position of the robot, and the ends of the beams, in odometry [m]."""
+    """(B, 2) ends of the beams, in the robot's frame [m]."""
     places: FoundPlaces | None = None
     """Places that the observations allow, with their shares of elsewhere; None: no observation."""
 

@@ -1,15 +1,21 @@
 """Memory of the pieces of wall that the robot has seen, so that each of them counts once.
 
 Where the map is wrong, every scan of that piece repeats the error. So evidence belongs to pieces: a
-piece is a block of the frame of odometry, which all places share, and only what is new of a piece
-counts. What later beams pass was no wall.
+piece is a block of a frame that all places share, and only what is new of a piece counts. What
+later beams pass was no wall. The frame is odometry, corrected by the most probable place: else what
+was seen before would be new pieces as odometry drifts, and turning would make a robot sure.
 """
+
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from clustermcl.filter.arrays import Points
+from clustermcl.filter.arrays import Points, Pose
+from clustermcl.filter.poses import compose
 
 PIECE_M = 0.5
 """Side of a piece [m]."""
@@ -22,7 +28,8 @@ FARTHEST_M = 60.0
 MAX_PIECES = 2_000
 """Largest number of pieces; those far from the robot are forgotten first."""
 _ROW = np.dtype([("x", "<i4"), ("y", "<i4"), ("ended", "<f4"), ("passed", "<f4")])
-_LARGEST = 2**30
+_FAR_M = 2e8
+_Coordinate = Annotated[float, Meta(ge=-_FAR_M, le=_FAR_M)]
 
 
 class Pieces(msgspec.Struct, frozen=True):
@@ -31,6 +38,8 @@ class Pieces(msgspec.Struct, frozen=True):
     rows: bytes = b""
     """(J, 4) block's column and row as int32; numbers of beams that ended in it and passed it as
     float32; little-endian."""
+    robot: tuple[_Coordinate, _Coordinate, float] = (0.0, 0.0, 0.0)
+    """Pose of the robot in the frame of the pieces."""
 
     @property
     def problem(self) -> str | None:
@@ -42,23 +51,34 @@ class Pieces(msgspec.Struct, frozen=True):
         possible = (rows["ended"] >= 0.0) & (rows["passed"] >= 0.0)  # false for NaN
         return None if possible.all() else "pieces out of range"
 
-    def after(self, seen: Points) -> "tuple[NDArray[np.float64], float, Pieces]":
+    def moved(self, before_from_after: Pose) -> "Pieces":
+        """Return the memory of a robot that has moved by this (3,) pose.
+
+        Where it errs, walls that were seen before are new pieces.
+        """
+        x, y, heading = compose(np.array(self.robot), before_from_after).tolist()
+        return replace(self, robot=(x, y, heading)) if max(abs(x), abs(y)) < _FAR_M else Pieces()
+
+    def after(self, ends_in_robot: Points) -> "tuple[NDArray[np.float64], float, Pieces]":
         """Return what is new of a scan, and the memory with it.
 
         A piece counts n / (n + passes + 2) after n beams. The difference that this scan makes is
         shared by its beams that end there.
 
         Args:
-            seen: (1 + B, 2) position of the robot and ends of its beams, in odometry [m].
+            ends_in_robot: (B, 2) ends of the beams [m].
 
         Returns:
             (B,) weights of the beams, 0 to 1; their sum, as a share of that with an empty memory;
             and the new memory.
         """
-        if len(seen) < 2 or not (np.abs(seen) < _LARGEST * PIECE_M).all():
-            return np.zeros(max(len(seen) - 1, 0)), 0.0, self
+        count = len(ends_in_robot)
+        if not count or not (np.abs(ends_in_robot) < _FAR_M).all():
+            return np.zeros(count), 0.0, self
+        robot = np.array(self.robot)
+        ends = compose(robot, np.column_stack((ends_in_robot, np.zeros(count))))[:, :2]
         rows = np.frombuffer(self.rows, _ROW)
-        known, at = _keys(np.stack((rows["x"], rows["y"]), axis=-1)), _keys(_blocks(seen[1:]))
+        known, at = _keys(np.stack((rows["x"], rows["y"]), axis=-1)), _keys(_blocks(ends))
         keys, inverse = np.unique(np.concatenate((known, at)), return_inverse=True)
         ended, passed = np.zeros((2, len(keys)))
         ended[inverse[: len(rows)]] = rows["ended"]
@@ -69,7 +89,7 @@ class Pieces(msgspec.Struct, frozen=True):
         new = more / (more + passed + DOUBTFUL) - ended / (ended + passed + DOUBTFUL)
         weights = (new / np.maximum(here, 1))[of_beam]
         share = float(new.sum() / (here / (here + DOUBTFUL)).sum())
-        crossed = _keys(_crossed(seen[0], seen[1:]))
+        crossed = _keys(_crossed(robot[:2], ends))
         place = np.searchsorted(keys, crossed)
         place[place == len(keys)] = 0
         np.add.at(passed, place[keys[place] == crossed], 1.0)
@@ -77,10 +97,10 @@ class Pieces(msgspec.Struct, frozen=True):
         made = np.empty(len(keys), _ROW)
         made["x"], made["y"], made["ended"], made["passed"] = x, y - 2**31, more, passed
         if len(made) > MAX_PIECES:
-            column, row = seen[0] / PIECE_M
+            column, row = robot[:2] / PIECE_M
             away = np.hypot(made["x"] - column, made["y"] - row)
             made = made[np.sort(np.argsort(away, kind="stable")[:MAX_PIECES])]
-        return weights, share, Pieces(made.tobytes())
+        return weights, share, Pieces(made.tobytes(), self.robot)
 
 
 def _blocks(points: Points) -> NDArray[np.int64]:

@@ -202,12 +202,12 @@ def tracked(
 def elsewhere(
     step: int, log_likelihood: float, *, epoch: int = 0, ends: Sequence[tuple[float, float]] = ()
 ) -> ElsewhereReport:
-    """`ends` of the beams, of a robot at the origin of odometry."""
+    """`ends` of the beams in the robot's frame."""
     return ElsewhereReport(
         sender="w",
         job_id="e0",
         epoch=epoch,
         step=step,
         log_likelihood=log_likelihood,
-        seen=ArrayBlob.of([(0.0, 0.0), *ends], "float64"),
+        seen=ArrayBlob.of(np.reshape(ends, (-1, 2)), "float64"),
     )

@@ -22,7 +22,7 @@ from clustermcl.simulator.simulation import Simulation, simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 from tests.unit.recordings import recording_or_skip
 
-FOUND_WITHIN = 60
+FOUND_WITHIN = 40
 NAMED_AT, EVERY, STEPS = 5, 30, 70
 WORLD = eight_rooms()
 
@@ -48,7 +48,7 @@ def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
                 simulation.kidnap()
             yield scan
 
-    settings = FilterSettings(belief=BeliefSettings(max_clusters=PLACES))
+    settings = FilterSettings()
     for _, outcome in outcomes(
         scans(), sensor_model(WORLD.map, settings.sensor, tmp_path), settings
     ):

@@ -8,7 +8,9 @@ from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.familiarity import Familiarity
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
 from clustermcl.filter.laser.pieces import Pieces
+from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SearchSettings
+from clustermcl.protocol.pose_arrays import pose_tuple
 from tests.unit.coordinator.belief.test_ensemble import (
     NORTH,
     SOUTH,
@@ -121,17 +123,18 @@ def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
 
 TURN = np.array([0.0, 0.0, 2.0 * math.pi / 31.0])
 AROUND = np.linspace(0.0, 2.0 * math.pi, 31, endpoint=False)
+ENDS = [(3.0 * math.cos(angle), 3.0 * math.sin(angle)) for angle in (-0.2, 0.0, 0.2)]
 
 
 def turned(made: Ensemble, first_step: int, turns: int) -> dict[int, float]:
     """After a robot at one of two places has turned on the spot: each scan favours c1."""
     for step in range(first_step, first_step + 31 * turns):
-        heading = AROUND[step % 31] + np.array([-0.2, 0.0, 0.2])
-        ends = np.column_stack((3.0 * np.cos(heading), 3.0 * np.sin(heading))).tolist()
+        turn = AROUND[step % 31]
+        poses = [compose(np.array(place), np.array([0.0, 0.0, turn])) for place in (NORTH, SOUTH)]
         reports = [
-            tracked("c0", step, 1.0, NORTH, fits=[0.8] * 3),
-            tracked("c1", step, 1.0, SOUTH, fits=[1.0] * 3),
-            elsewhere(step, -40.0, ends=ends),
+            tracked("c0", step, 1.0, pose_tuple(poses[0]), fits=[0.8] * 3),
+            tracked("c1", step, 1.0, pose_tuple(poses[1]), fits=[1.0] * 3),
+            elsewhere(step, -40.0, ends=ENDS),
         ]
         outcome = made.advance(step, reports, TURN)
     return probabilities(outcome)
@@ -175,3 +178,24 @@ def test_seen_pieces_are_transferred_with_the_belief() -> None:
     assert turned(other, 32, 1) == turned(made, 32, 1)
     other.pieces = Pieces()
     assert turned(other, 63, 1)[0] < 0.5 * turned(made, 63, 1)[0]
+
+
+def test_odometry_that_drifts_shows_no_new_pieces_at_a_place_that_is_tracked() -> None:
+    """The robot of `turned` stands in the map, and odometry says that it turns."""
+    made, drifts = two_places(), two_places()
+    for each, motion in ((made, np.zeros(3)), (drifts, TURN)):
+        for step in range(1, 200):
+            reports = [
+                tracked("c0", step, 1.0, NORTH, fits=[0.8] * 3),
+                tracked("c1", step, 1.0, SOUTH, fits=[1.0] * 3),
+                elsewhere(step, -40.0, ends=ENDS),
+            ]
+            outcome = each.advance(step, reports, motion)
+        assert 0.3 < probabilities(outcome)[0] < 0.5
+    assert drifts.pieces == made.pieces
+
+
+def test_where_no_place_reports_odometry_moves_the_pieces() -> None:
+    made = two_places()
+    made.advance(1, [], TURN)
+    assert made.pieces.robot == pytest.approx(tuple(TURN))
