@@ -16,7 +16,7 @@ from clustermcl.belief.familiarity import Familiarity
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
-from clustermcl.filter.laser.evidence_model import UsualFit
+from clustermcl.filter.laser.evidence_model import LARGE_FALL, UsualFit
 from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -28,8 +28,6 @@ from clustermcl.protocol.work import ParticleCount, Place
 ESTABLISHED = 15.0
 """New scans after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
-LARGE_DOUBT = 4.0
-"""Evidence of new beams against a given place after which the map is searched [nat]."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -76,7 +74,7 @@ class Given(msgspec.Struct, frozen=True):
 
     @property
     def is_doubted(self) -> bool:
-        return self.doubt > LARGE_DOUBT
+        return self.doubt > LARGE_FALL
 
 
 Candidate: TypeAlias = tuple[Place, BeganCause]

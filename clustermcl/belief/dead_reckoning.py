@@ -16,8 +16,8 @@ from clustermcl.runtime.settings import BridgeSettings
 
 NO_NOISE: Covariance = (0.0,) * 9
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
-LEAST_GATE_M, LEAST_GATE_RAD = 0.05, 0.05
-"""Smallest gate: a bridge with a gate of 0 makes a step of each scan [m], [rad]."""
+LEAST_GATE = 0.05
+"""Smallest gate: a bridge with a gate of 0 makes a step of each scan [m] and [rad]."""
 
 
 def gates_between(before: PoseTuple, after: PoseTuple, bridge: BridgeSettings) -> float:
@@ -25,8 +25,8 @@ def gates_between(before: PoseTuple, after: PoseTuple, bridge: BridgeSettings) -
     driven_m = math.dist(before[:2], after[:2])
     turned_rad = abs(wrap_angle(after[2] - before[2]))
     return max(
-        driven_m / max(bridge.gate_distance_m, LEAST_GATE_M),
-        turned_rad / max(bridge.gate_turn_rad, LEAST_GATE_RAD),
+        driven_m / max(bridge.gate_distance_m, LEAST_GATE),
+        turned_rad / max(bridge.gate_turn_rad, LEAST_GATE),
     )
 
 

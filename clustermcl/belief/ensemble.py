@@ -56,8 +56,6 @@ ELSEWHERE = "e0"
 LIFTED = 16.0
 """The fit where a person gave a place falls by so much at once if the robot is lifted: where the
 building has changed, it falls from scan to scan [nat]."""
-LEAST_REST = 1e-12
-"""Least probability of all other places after a certain pose was given."""
 
 
 class Ensemble(Part, kw_only=True):
@@ -210,7 +208,7 @@ class Ensemble(Part, kw_only=True):
         self._forget(given.sample.step, "forgotten")
         self.founding = False
         self.clusters.expect_given()
-        weight = given.share / max(1.0 - given.share, LEAST_REST)
+        weight = given.share / (1.0 - given.share)
         self._admit([(replace(given, share=weight), "given")], given.sample.step)
         return self.outcome(given.sample.step)
 

@@ -9,7 +9,7 @@ from clustermcl.filter.settings import FilterSettings
 
 SHARE_EVERY_STEPS = 20
 """Steps from one review of the clusters' numbers of particles to the next."""
-SHARE_AFTER_STEPS = 10
+SHARE_AFTER_STEPS = SHARE_EVERY_STEPS // 2
 """Steps from a review until its numbers hold. No step is created while four are undecided, so all
 workers receive the order before, and resample at the same step. Snapshots, at least as frequent,
 let a job that moves to another worker start after the review before."""

@@ -150,7 +150,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Interval from one global search to the next [steps]."""
     localized_probability: Annotated[float, Meta(gt=0, le=1)] = 0.9
     """State `localized` from this probability of the best place on."""
-    set_pose_probability: Annotated[float, Meta(gt=0, le=1)] = 0.95
+    set_pose_probability: Annotated[float, Meta(gt=0, lt=1)] = 0.95
     """Probability of a pose that a user sets."""
 
 

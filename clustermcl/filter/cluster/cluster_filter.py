@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Pose, Poses
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.laser.evidence_model import scan_exponent, way
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from clustermcl.filter.motion.model import move, standard_normals
@@ -107,8 +107,9 @@ def new_share(before_from_after: Pose, settings: ClusterSettings) -> float:
     """
     if settings.view_distance_m == 0.0:
         return 1.0
-    moved_m, turned_rad = way(before_from_after)
-    return -math.expm1(-moved_m / settings.view_distance_m - turned_rad / settings.view_turn_rad)
+    x, y, turn = before_from_after.tolist()
+    moved_m = math.hypot(x, y)
+    return -math.expm1(-moved_m / settings.view_distance_m - abs(turn) / settings.view_turn_rad)
 
 
 def mcl_step(

@@ -11,15 +11,16 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from clustermcl.filter.arrays import Pose
 from clustermcl.filter.settings import BeliefSettings, SensorSettings
 
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
 _UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
 """Variance of the fits at one place [nat^2]: before the first scan, and at least."""
-_CHANCE, _LARGE_SHORTFALL = 3.0, 4.0
-"""Standard deviations by which a fit may be low by chance; sum of larger shortfalls [nat]."""
+_CHANCE = 3.0
+"""Standard deviations by which a fit may be low by chance."""
+LARGE_FALL = 4.0
+"""Sum of larger shortfalls, or of evidence against a given place, that begins a search [nat]."""
 _LEARNED, _LEARNED_BELOW = 0.1, 0.2
 """Weight of a scan in the mean of fits; factor of that weight while fits are low."""
 
@@ -98,7 +99,7 @@ class UsualFit(msgspec.Struct, frozen=True):
     @property
     def has_fallen(self) -> bool:
         """Whether scans fit so badly that a search begins."""
-        return self.shortfall > _LARGE_SHORTFALL
+        return self.shortfall > LARGE_FALL
 
     def after(self, log_likelihood: float, news: float) -> "UsualFit":
         """Return the statistics after one more scan; `news`, 0 to 1, is how independent it is."""
@@ -114,9 +115,3 @@ class UsualFit(msgspec.Struct, frozen=True):
         mean = self.mean - learned * below
         variance = self.variance + learned * ((mean - log_likelihood) ** 2 - self.variance)
         return UsualFit(mean, max(variance, _LEAST_VARIANCE), shortfall)
-
-
-def way(before_from_after: Pose) -> tuple[float, float]:
-    """Return the distance [m] and the absolute turn [rad] of a motion (3,)."""
-    x, y, turn = before_from_after.tolist()
-    return math.hypot(x, y), abs(turn)

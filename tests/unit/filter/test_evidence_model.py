@@ -10,9 +10,7 @@ from clustermcl.filter.laser.evidence_model import (
     evidence_weight,
     residual,
     short_beam_gain,
-    way,
 )
-from clustermcl.filter.poses import between
 from clustermcl.filter.settings import BeliefSettings, SensorSettings
 
 RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_residual=0.5)
@@ -34,13 +32,6 @@ def test_the_residual_is_the_loss_against_beams_that_all_end_on_obstacles() -> N
     assert residual(best - 1.5, sensor) == pytest.approx(1.5)
     assert residual(best + 1e-9, sensor) == 0.0, "rounding"
     assert math.isnan(residual(math.nan, sensor))
-
-
-def test_the_way_of_a_motion_is_its_distance_and_its_wrapped_turn() -> None:
-    before, after = np.array([3.0, 4.0, math.pi - 0.05]), np.array([3.3, 4.4, 0.05 - math.pi])
-    assert way(between(before, after)) == pytest.approx((0.5, 0.1))
-    assert way(between(after, before)) == pytest.approx((0.5, 0.1))
-    assert way(between(before, before)) == (0.0, 0.0)
 
 
 def fit_after(*scans: float) -> UsualFit:

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from clustermcl.belief.bayes_update import weigh
 from clustermcl.belief.cluster_set import (
     ESTABLISHED,
-    LARGE_DOUBT,
     LEAST_LOG,
     Candidate,
     ClusterSet,
     Given,
 )
-from clustermcl.filter.laser.evidence_model import scan_exponent, through_beam_loss
+from clustermcl.filter.laser.evidence_model import LARGE_FALL, scan_exponent, through_beam_loss
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
@@ -348,8 +347,8 @@ def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
 def test_beams_against_a_given_place_add_up_to_doubt_until_it_is_established() -> None:
     for_it = Given().after(5.0, 1.0)
     assert for_it == Given(1.0, 0.0), "what speaks for it is no credit"
-    doubted = for_it.after(-LARGE_DOUBT, 0.5)
-    assert doubted == Given(1.5, LARGE_DOUBT)
+    doubted = for_it.after(-LARGE_FALL, 0.5)
+    assert doubted == Given(1.5, LARGE_FALL)
     assert not doubted.is_doubted
     assert doubted.after(-0.01, 0.0).is_doubted
     assert Given(ESTABLISHED - 0.1).after(-9.0, 1.0).is_doubted

@@ -183,8 +183,6 @@ def test_a_given_pose_replaces_the_belief() -> None:
     assert believed(outcome) == pytest.approx({2: 0.95})
     assert outcome.elsewhere_probability == pytest.approx(0.05)
     assert set(outcome.begin) == {"c2", "e0"}
-    certain = made.set_pose(place(1.0, NORTH, 0))
-    assert believed(certain) == pytest.approx({3: 1.0})
 
 
 @pytest.mark.parametrize(
