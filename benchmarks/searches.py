@@ -86,7 +86,7 @@ def search(place: Place, seed: int) -> Result:
     rules, most = settings.search, settings.belief.max_clusters
     for scan, truth in place.steps(seed):
         if not took_s:
-            pool = SearchPool(0, scan.step, rules)
+            pool = SearchPool(tuple(f"s0.{n}" for n in range(rules.shards)), scan.step)
             jobs = [
                 running(
                     Assignment(job_id=job_id, epoch=0, job=SearchJob(search=0, shard=shard,
@@ -100,14 +100,14 @@ def search(place: Place, seed: int) -> Result:
             report = job.advance(scan)
             assert isinstance(report, SearchReport)
             pool.add(report)
-        pooled = pool.pooled()
+        pooled = pool.pooled(rules)
         took_s.append(time.process_time() - start_s)
         if pooled is None:
             continue
         ranks = place.ranks([pose_tuple(mean) for mean in pooled.mean], truth)
         if len(took_s) == 1:
             first_ranks = ranks
-        if pool.finished(pooled, most):
+        if pool.finished(pooled, most, rules):
             return {
                 "held": all(rank is not None and rank < most for rank in ranks),
                 "first_ranks": first_ranks,

@@ -88,8 +88,7 @@ class Ensemble(Part, kw_only=True):
     def use(self, settings: FilterSettings) -> None:
         self.settings = settings
         self.clusters.rules, self.clusters.sensor = settings.belief, settings.sensor
-        self.search.use(settings, mirrored=False)
-        self.decoy.search.use(settings, mirrored=True)
+        self.search.settings = self.decoy.search.settings = settings
 
     @property
     def searches(self) -> int:

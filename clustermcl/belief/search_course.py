@@ -52,7 +52,7 @@ class SearchEvidence(Part):
 class SearchCourse(Part):
     """The current search, if any, and where the clusters were at its steps."""
 
-    local: ClassVar = frozenset({"settings", "mirrored", "means"})
+    local: ClassVar = frozenset({"settings", "means"})
     settings: FilterSettings = FilterSettings()
     mirrored: bool = False
     pool: SearchPool | None = None
@@ -64,11 +64,6 @@ class SearchCourse(Part):
     """The step after which the next search is due."""
     means: dict[int, dict[str, PoseTuple]] = {}
     """Mean of each cluster at the last steps; by odometry where a report is missing."""
-
-    def use(self, settings: FilterSettings, *, mirrored: bool) -> None:
-        self.settings, self.mirrored = settings, mirrored
-        if self.pool is not None:
-            self.pool.settings, self.pool.mirrored = settings.search, mirrored
 
     @property
     def runs(self) -> bool:
@@ -115,7 +110,9 @@ class SearchCourse(Part):
             near: circle to search; None: the whole map.
             corners: opposite ones of the rectangle to search; None: the whole map.
         """
-        self.pool = SearchPool(self.begun, first_step, self.settings.search, self.mirrored)
+        kind, shards = "m" if self.mirrored else "s", range(self.settings.search.shards)
+        job_ids = tuple(f"{kind}{self.begun}.{shard}" for shard in shards)
+        self.pool = SearchPool(job_ids, first_step)
         jobs: dict[str, Job] = {
             job_id: SearchJob(
                 search=self.begun,
@@ -125,7 +122,7 @@ class SearchCourse(Part):
                 corners=corners,
                 mirrored=self.mirrored,
             )
-            for shard, job_id in enumerate(self.pool.job_ids)
+            for shard, job_id in enumerate(job_ids)
         }
         self.begun += 1
         self.evidence = SearchEvidence(log_elsewhere, log_off_map)
@@ -162,7 +159,7 @@ class SearchCourse(Part):
         for report in reports:
             if isinstance(report, SearchReport) and report.job_id in self.job_ids:
                 self.pool.add(report)
-        fresh = self.pool.pooled()
+        fresh = self.pool.pooled(self.settings.search)
         if fresh is None:
             return None
         then = self.means_at(fresh.step)
@@ -170,8 +167,8 @@ class SearchCourse(Part):
 
     def finished(self, pool: Pool, *, patient: bool) -> bool:
         """Return `SearchPool.finished` for the maximum number of clusters."""
-        most = self.settings.belief.max_clusters
-        return self.pool is None or self.pool.finished(pool, most, patient=patient)
+        most, rules = self.settings.belief.max_clusters, self.settings.search
+        return self.pool is None or self.pool.finished(pool, most, rules, patient=patient)
 
 
 class Decoy(Part):

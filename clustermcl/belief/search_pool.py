@@ -11,7 +11,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from clustermcl.belief.overlaps import merge_overlapping
-from clustermcl.belief.part import Count, Part
+from clustermcl.belief.part import FEW, Part, Text
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.settings import SearchSettings
 from clustermcl.protocol.arrays import ArrayBlob
@@ -87,22 +87,15 @@ class Pool:
 class SearchPool(Part):
     """Collects the shards' reports and pools the newest step that all shards have reached."""
 
-    local: ClassVar = frozenset({"settings", "mirrored", "reports", "reached"})
-    search: Count
+    local: ClassVar = frozenset({"reports", "reached"})
+    job_ids: Annotated[tuple[Text, ...], FEW]
     first_step: NumberOrNone
     """The first step whose scan it uses."""
-    settings: SearchSettings = SearchSettings()
-    mirrored: bool = False
     progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
     reached: dict[str, int] = {}
     """The step that each shard has reported last."""
-
-    @property
-    def job_ids(self) -> tuple[str, ...]:
-        kind = "m" if self.mirrored else "s"
-        return tuple(f"{kind}{self.search}.{shard}" for shard in range(self.settings.shards))
 
     def add(self, report: SearchReport) -> None:
         """Keep the report of a shard, unless its step is before the search."""
@@ -118,7 +111,7 @@ class SearchPool(Part):
 
     def _complete(self) -> list[int]:
         """Return the kept steps that every shard has reported."""
-        shards = self.settings.shards
+        shards = len(self.job_ids)
         return [step for step, reports in self.reports.items() if len(reports) == shards]
 
     def _is_passed(self, step: int) -> bool:
@@ -126,7 +119,7 @@ class SearchPool(Part):
         absent = self.reached.keys() - self.reports[step].keys()
         return any(self.reached[job_id] > step for job_id in absent)
 
-    def pooled(self) -> Pool | None:
+    def pooled(self, rules: SearchSettings) -> Pool | None:
         """Return the pool of the newest step that every shard has reported.
 
         Each step is pooled once, because pooling thousands of places takes longer than a step.
@@ -140,9 +133,11 @@ class SearchPool(Part):
         reports = self.reports[step]
         for known in [kept for kept in self.reports if kept <= step]:
             del self.reports[known]
-        return _pool(step, [reports[job] for job in self.job_ids], self.settings)
+        return _pool(step, [reports[job] for job in self.job_ids], rules)
 
-    def finished(self, pool: Pool, clusters: int, *, patient: bool = True) -> bool:
+    def finished(
+        self, pool: Pool, clusters: int, rules: SearchSettings, *, patient: bool = True
+    ) -> bool:
         """Return whether the search is over: its best places weigh enough, or it took too long.
 
         The weight is not enough if the search discarded poses that are almost as good.
@@ -150,13 +145,14 @@ class SearchPool(Part):
         Args:
             pool: the places of the newest step.
             clusters: maximum number of tracked places.
+            rules: contain the weight that is enough, and the maximum number of steps.
             patient: let it take longer while it has more places than can be tracked, as the robot
                 may be at one that would be dropped.
         """
-        mass = self.settings.converged_mass
+        mass = rules.converged_mass
         held = sum(pool.share[:clusters])
         too_many = held < mass and len(pool.share) > clusters
-        most_steps = self.settings.max_steps * (_PATIENCE if patient and too_many else 1)
+        most_steps = rules.max_steps * (_PATIENCE if patient and too_many else 1)
         steps = pool.step - self.first_step + 1
         near = max(min(held, 1.0 - math.exp(-pool.left_out_gap)) / mass, steps / most_steps)
         self.progress = min(near, 1.0)

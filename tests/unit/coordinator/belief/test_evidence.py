@@ -19,6 +19,8 @@ from tests.unit.coordinator.belief.test_ensemble import (
 )
 from tests.unit.coordinator.reports import elsewhere, found_places, resumed, searched, tracked
 
+RULES = SearchSettings()
+
 
 def test_the_number_of_particles_is_no_evidence() -> None:
     """Ten times the particles have ten times the sum of weights, and the same average."""
@@ -34,12 +36,12 @@ def test_the_number_of_particles_is_no_evidence() -> None:
 def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     """Both shards found it; the first with 4 points, the second with 2 of three times the
     evidence."""
-    pool = SearchPool(0, 0, SearchSettings(shards=2))
+    pool = SearchPool(("s0.0", "s0.1"), 0)
     for job_id, evidence, x_m, count in (("s0.0", 1.0, 1.0, 4), ("s0.1", 3.0, 1.2, 2)):
         report = searched(job_id, 0, {}, log_evidence=math.log(evidence))
         found = [(0.8, (x_m, 0.0, 0.0)), (0.2, (9.0 + x_m, 0.0, 0.0))]
         pool.add(replace(report, places=found_places(found, count)))
-    pooled = pool.pooled()
+    pooled = pool.pooled(RULES)
     assert pooled.share == pytest.approx((0.8, 0.2))
     near = pooled.place(0, 0.5)
     assert near.share == 0.5
@@ -49,8 +51,8 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     of_second = float(weights[poses[:, 0] > 1.1].sum())
     assert of_second == pytest.approx(0.75), "by evidence, whatever the number of points"
     assert near.pose[0] == pytest.approx(1.2), "the pose of the shard with the larger share"
-    assert pool.finished(pooled, 2)
-    assert not pool.finished(pooled, 1)
+    assert pool.finished(pooled, 2, RULES)
+    assert not pool.finished(pooled, 1, RULES)
 
 
 @pytest.mark.parametrize(("weight", "gap"), [(1.0, 1.0), (0.05, 1.0), (1e-4, 7.0)])
@@ -58,42 +60,42 @@ def test_places_that_a_shard_without_weight_left_out_are_not_used(
     weight: float, gap: float
 ) -> None:
     """The least gap of those that have found something: a search ends when it is large."""
-    pool = SearchPool(0, 0, SearchSettings(shards=3))
+    pool = SearchPool(("s0.0", "s0.1", "s0.2"), 0)
     for shard, (evidence, left_out) in enumerate([(1.0, 9.0), (weight, 1.0), (1.0, 7.0)]):
         log_evidence = math.log(evidence)
         report = searched(
             f"s0.{shard}", 0, {NORTH: 1.0}, log_evidence=log_evidence, left_out_gap=left_out
         )
         pool.add(report)
-    pooled = pool.pooled()
+    pooled = pool.pooled(RULES)
     assert pooled.left_out_gap == gap
 
 
 def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
-    pool = SearchPool(0, 0, SearchSettings(shards=2))
+    pool = SearchPool(("s0.0", "s0.1"), 0)
     pool.add(searched("s0.0", 3, {NORTH: 1.0}))
-    assert pool.pooled() is None
+    assert pool.pooled(RULES) is None
     for step in (4, 5):
         for shard in range(2):
             pool.add(searched(f"s0.{shard}", step, {NORTH: 1.0}))
     pool.add(searched("s0.0", 6, {NORTH: 1.0}))
-    newest = pool.pooled()
+    newest = pool.pooled(RULES)
     assert newest.step == 5
-    assert pool.pooled() is None, "once is enough"
+    assert pool.pooled(RULES) is None, "once is enough"
     pool.add(searched("s0.1", 6, {NORTH: 1.0}))
-    newest = pool.pooled()
+    newest = pool.pooled(RULES)
     assert newest.step == 6
 
 
 def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
     """The fast one's reports on the steps that the slow one reached were gone: no search ended."""
-    pool, pooled, ahead = SearchPool(0, 0, SearchSettings(shards=2)), list[int](), 40
+    pool, pooled, ahead = SearchPool(("s0.0", "s0.1"), 0), list[int](), 40
     for step in range(3 * ahead):
         pool.add(searched("s0.0", step, {NORTH: 1.0}))
         if step >= ahead:
             pool.add(searched("s0.1", step - ahead, {NORTH: 1.0}))
         assert len(pool.reports) <= KEPT_STEPS
-        if (found := pool.pooled()) is not None:
+        if (found := pool.pooled(RULES)) is not None:
             pooled.append(found.step)
     assert pooled[0] == 0
     assert pooled[-1] > ahead
@@ -102,7 +104,7 @@ def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
         pool.add(searched("s0.1", step, {NORTH: 1.0}))
     pool.add(searched("s0.0", 3 * ahead, {NORTH: 1.0}))
     pool.add(searched("s0.1", 3 * ahead, {NORTH: 1.0}))
-    found = pool.pooled()
+    found = pool.pooled(RULES)
     assert found is not None
     assert found.step == 3 * ahead
 
@@ -111,13 +113,13 @@ def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
 def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
     patient: bool, over: list[bool]
 ) -> None:
-    pool = SearchPool(0, 10, SearchSettings(shards=1, max_steps=3))
+    pool = SearchPool(("s0.0",), 10)
     ended = []
     for step in (12, 20, 21):
         pool.add(searched("s0.0", step, {NORTH: 0.4, SOUTH: 0.3, (9.0, 0.0, 0.0): 0.3}))
-        found = pool.pooled()
+        found = pool.pooled(RULES)
         assert found is not None
-        ended.append(pool.finished(found, 2, patient=patient))
+        ended.append(pool.finished(found, 2, SearchSettings(max_steps=3), patient=patient))
     assert ended == over
 
 

@@ -10,9 +10,9 @@ SETTINGS = SearchSettings(shards=1, converged_mass=0.8, max_steps=10)
 
 
 def progress(share: float, left_out: float, step: int) -> float:
-    search = SearchPool(0, 1, SETTINGS)
+    search = SearchPool(("s0.0",), 1)
     pool = pool_of((share, (0.0, 5.0, 0.0)), step=step, left_out_gap=-math.log(left_out))
-    finished = search.finished(pool, 64)
+    finished = search.finished(pool, 64, SETTINGS)
     assert finished == (search.progress == 1.0)
     return search.progress
 
