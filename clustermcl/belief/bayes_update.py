@@ -157,7 +157,7 @@ class _Update:
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         if rules.piece_evidence > 0.0:
             evidence = self._of_pieces()
-            self._learn(belief.updated(among, evidence))
+            self._learn(np.exp(belief.updated(among, evidence)))
         self._ledger.note_facts(
             fit=self._evidence - np.nanmax(self._evidence),
             counted=evidence - np.fmax.reduce(evidence),
@@ -167,20 +167,20 @@ class _Update:
 
     def _of_pieces(self) -> NDArray[np.float64]:
         """Return (K,) evidence of what is new of the scan [nat]; NaN: unknown."""
-        behind = self._held.familiarity.behind(self._per_piece)
+        among, behind = self._held.evidence_among() / self._per_piece, self._held.behind()
         evidence = np.full(len(self._reports), math.nan)
         for index, found in self._explained.items():
-            evidence[index] = found.front + behind * (found.fitting - found.front)
+            evidence[index] = among * (found.front + behind * (found.fitting - found.front))
         return evidence
 
-    def _learn(self, among: NDArray[np.float64]) -> None:
-        """Learn how much of what is new the probable places explain."""
-        held, found = self._held, self._explained
-        if found:
-            share = np.exp(belief.normalised_logs(among[list(found)]))
-            fitting, _, _, front = (share @ list(found.values()) / self._per_piece).tolist()
-            new = float(self._beams.sum()) / self._per_piece
-            held.familiarity = held.familiarity.after(new, fitting, front)
+    def _learn(self, shares: NDArray[np.float64]) -> None:
+        """Learn how much of what is new the places explain."""
+        unit, found = self._per_piece, self._explained
+        counted = [
+            (found[i].fitting / unit, found[i].front / unit) if i in found else None
+            for i in range(len(self._reports))
+        ]
+        self._held.learn(float(self._beams.sum()) / unit, shares.tolist(), counted)
 
     def observed(self, elsewhere: float) -> NDArray[np.float64]:
         """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.

@@ -3,7 +3,6 @@ import re
 from pathlib import Path
 
 import hypothesis
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import strategies as st
@@ -18,6 +17,7 @@ from clustermcl.belief.cluster_set import (
     ClusterSet,
     Given,
 )
+from clustermcl.belief.familiarity import APART, Familiarity
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, scan_exponent, through_beam_loss
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended
@@ -140,21 +140,56 @@ def with_fits(
 def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
     """Not by those that have counted, and beams through walls are only misses."""
     made = first(0.6, 0.4, piece_evidence=2.0)
+    unit = made.evidence_among()
     weigh(made, with_fits(FITS), beams=2.0 * NEW)
     one, other, _ = probabilities(made)
-    gained = 2.0 * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
+    gained = unit * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
     assert math.log(one / other) == pytest.approx(math.log(1.5) + gained, abs=0.01)
 
 
 def test_how_well_the_map_explains_new_beams_is_learned() -> None:
     made = first(0.75, 0.25, piece_evidence=2.0, kidnapping_probability=0.0)
-    familiar, unit = made.familiarity, made.piece_evidence
+    unit, expected = made.piece_evidence, Familiarity()
+    others = made.others
     equal = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (1.0, 0.5, 1.0, 0.0)}
     weigh(made, with_fits(equal), beams=unit * NEW)
-    assert made.familiarity != familiar
     explained = 0.5 + 0.25 * 32 / 63
-    learned, expected = made.familiarity, familiar.after(1.0, explained, explained)
-    assert msgspec.structs.astuple(learned) == pytest.approx(msgspec.structs.astuple(expected))
+    learned = [made.familiarity, *(cluster.familiarity for cluster in made.all()), made.others]
+    expected = [
+        expected.after(1.0, explained), expected.after(1.0, 0.5 + 0.25 * 32 / 63),
+        expected.after(1.0, 0.5 + 0.25 * 32 / 63), others.after(0.25, 0.25 * explained),
+    ]  # fmt: skip
+    for one, other in zip(learned, expected, strict=True):
+        assert one.share == pytest.approx(other.share)
+        assert one.new == pytest.approx(other.new)
+
+
+@pytest.mark.parametrize(("other", "counts"), [(0.5, 1.0), (0.9, APART)])
+def test_a_piece_counts_less_where_places_explain_the_same(other: float, counts: float) -> None:
+    """In a changed building, which of two rooms alike explains more is chance."""
+    made = first(0.5, 0.5, piece_evidence=0.7, kidnapping_probability=1e-9)
+    for _ in range(1_000):
+        alike = {"c0": (0.9,) * 4, "c1": (other,) * 4}
+        weigh(made, with_fits(alike), beams=made.piece_evidence * NEW)
+        made.set_log_probabilities(np.log([0.4995, 0.4995, 0.0005, 0.0005]))
+    best = made.best.familiarity.evidence
+    weigh(made, with_fits({"c0": (1.0,) * 4, "c1": (0.0,) * 4}), beams=made.piece_evidence * NEW)
+    one, two, _ = probabilities(made)
+    assert made.best.cluster == 0
+    assert math.log(one / two) == pytest.approx(best if counts == 1.0 else APART, rel=0.1)
+
+
+def test_a_wrong_place_does_not_hide_how_much_the_right_one_explains() -> None:
+    """It is sure at first, and explains little: the other is the best, however improbable."""
+    made = first(0.99, 0.01, piece_evidence=0.7, kidnapping_probability=1e-9)
+    steps = 0
+    while probabilities(made)[1] < 0.9:
+        steps += 1
+        assert steps < 60
+        fits = {"c0": (0.6,) * 4, "c1": (0.95,) * 4}
+        weigh(made, with_fits(fits), beams=made.piece_evidence * NEW)
+    assert made.best.cluster == 1
+    assert made.evidence_among() > 0.5
 
 
 @pytest.mark.parametrize("beams", [None, np.full(3, 0.5)])

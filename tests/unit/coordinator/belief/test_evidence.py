@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import Ensemble
-from clustermcl.belief.familiarity import Familiarity
+from clustermcl.belief.familiarity import FRONT, Familiarity
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import compose
@@ -160,17 +160,18 @@ def test_a_piece_of_wall_counts_once_however_often_the_robot_turns() -> None:
 def test_beams_that_fit_behind_walls_speak_for_a_place_in_a_changed_building_only() -> None:
     behind = bytes([63 << 2 | 3] * 3)
     half = {}
-    for learned in (Familiarity(new=60.0, explained=50.0, front=20.0), Familiarity()):
+    for share in (1 / 3, FRONT):
         made = two_places()
-        made.clusters.familiarity = learned
+        made.clusters.familiarity = Familiarity.of(5 / 6)
+        made.clusters.in_front = Familiarity.of(share)
         reports = [
             replace(tracked("c0", 1, 1.0, NORTH), fits=behind),
             tracked("c1", 1, 1.0, SOUTH, fits=[1.0] * 3),
             elsewhere(1, -40.0, ends=[(3.0, 0.0), (0.0, 3.0), (-3.0, 0.0)]),
         ]
-        half[learned.front] = probabilities(made.advance(1, reports, TURN))[0]
-    assert half[20.0] == pytest.approx(0.5, abs=1e-6)
-    assert half[Familiarity().front] < 0.45
+        half[share] = probabilities(made.advance(1, reports, TURN))[0]
+    assert half[1 / 3] == pytest.approx(0.5, abs=1e-6)
+    assert half[FRONT] < 0.45
 
 
 def test_seen_pieces_are_transferred_with_the_belief() -> None:
