@@ -73,8 +73,6 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
             particles=0,
             least_probability=0.0,
             piece_evidence=0.0,
-            view_distance_m=0.0,
-            evidence_residual=math.inf,
             kidnapping_probability=0.0,
         ),
     )

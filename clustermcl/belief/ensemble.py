@@ -28,9 +28,9 @@ from clustermcl.belief.particle_shares import (
 )
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from clustermcl.belief.search_pool import Pool, pool_of
+from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import new_share
-from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import between
@@ -245,8 +245,7 @@ class Ensemble(Part, kw_only=True):
     def _see(self, before_from_after: Pose | None) -> None:
         if before_from_after is None:
             self.seen, before_from_after = ViewMemory(), np.zeros(3)
-        rules = self.settings
-        _, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
+        self.seen = self.seen.after(before_from_after)
 
     def _motion(self, tracks: Mapping[str, TrackReport], before_from_after: Pose | None) -> Pose:
         """Return the motion of the most probable place: its scans correct odometry."""

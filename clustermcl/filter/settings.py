@@ -119,14 +119,8 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     each."""
     least_probability: Share = 0.0001
     """Places below this probability do not enter, clusters below it are dropped; 0: none."""
-    view_distance_m: NotNegative = 0.8
-    """Distance after which a scan is a new view of the building; 0: always [m]."""
-    view_turn_rad: Positive = 1.6
-    """Turn after which it is [rad]."""
     piece_evidence: NotNegative = 0.7
     """Evidence of a piece of wall that fits, against one that does not; 0: whole scans [nat]."""
-    evidence_residual: Positive = 0.25
-    """Residual at which differences between places count half [nat/beam]."""
     kidnapping_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.001
     """Probability of a kidnapping at each step; 0: never."""
     off_map_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.05

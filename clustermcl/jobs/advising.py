@@ -5,11 +5,10 @@ from msgspec.structs import replace
 
 from clustermcl.filter.advice.advice import Question, advised_ways
 from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M
-from clustermcl.filter.cluster.view_memory import ViewMemory
-from clustermcl.filter.laser.evidence_model import residual
+from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.scan_arrays import scan_beams, scan_of_laser
+from clustermcl.jobs.scan_arrays import scan_of_laser
 from clustermcl.protocol.advice import Advice, AdviceQuestion, Way
 from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
 from clustermcl.protocol.steps import Scan
@@ -39,7 +38,7 @@ def advice(
         known = "only one place is possible: there is nothing to distinguish"
         note = LOST if is_lost else known if count else "no place is known yet: first, a search"
         return replace(head, note=note)
-    ways, spots = advised_ways(_question(asked, scan, model), model, settings)
+    ways, spots = advised_ways(_question(asked, scan), model, settings)
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
@@ -61,18 +60,14 @@ def advice(
     return replace(head, ways=made, note=note, spots=tuple(map(pose_tuple, spots)))
 
 
-def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question:
+def _question(asked: AdviceQuestion, scan: Scan) -> Question:
     places = asked.hypotheses
     poses = np.array([place.pose for place in places])
-    beams, fit = scan_beams(scan, model), 0.0
-    if beams.count:
-        fit = float(model.log_likelihood(poses[:1], beams)[0]) / beams.count
     return Question(
         poses,
         np.array([covariance_matrix(place.covariance) for place in places]),
         np.array([max(place.probability, 1e-12) for place in places]),
         scan_of_laser(scan),
-        residual(fit, model.settings) if beams.count else 0.0,
         asked.radius_m,
         ViewMemory(asked.views),
         asked.gate_distance_m,

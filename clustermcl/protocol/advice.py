@@ -23,13 +23,13 @@ LEAST_PROBABILITY = 0.01
 """Ways keep clear of obstacles at all places with at least this probability."""
 MAX_PLACES = 64
 """Number of the most probable places that are distinguished."""
-MAX_VIEWS_BYTES = 6144
-"""256 views of six numbers."""
+MAX_VIEWS_BYTES = 4096
+"""256 views of four numbers."""
 USUAL_RADIUS_M = 0.3
 """Radius of a robot whose settings do not have one [m]."""
 
 
-class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"):
+class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/2"):
     """The belief after a step. A query of the coordinator on ``worker/{name}/advice``."""
 
     max_bytes: ClassVar[int] = LIST_BYTES
@@ -42,7 +42,7 @@ class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"
     elsewhere_probability: Probability
     """Probability that the robot is at none of the tracked places."""
     views: Annotated[bytes, Meta(max_length=MAX_VIEWS_BYTES)] = b""
-    """The robot's earlier views, as in `clustermcl.filter.cluster.view_memory`."""
+    """The robot's earlier views, as in `clustermcl.filter.advice.view_memory`."""
     radius_m: Annotated[float, Meta(ge=0.0, le=10.0)]
     """Radius of the robot."""
     gate_distance_m: NotNegative

@@ -5,7 +5,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings, SensorSettings, filter_with
 from clustermcl.protocol import work

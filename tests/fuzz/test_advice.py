@@ -48,7 +48,7 @@ def questions(draw: st.DrawFn) -> AdviceQuestion:
         probability, pose = draw(st.floats(0.0, 1.0)), draw(POSES)
         places.append(place(probability, pose, cluster=cluster, covariance=covariance))
     views = draw(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 1.0)), max_size=5))
-    rows = np.array([(*view, 0.0, 0.0) for view in views], "<f4").reshape(-1, 6)
+    rows = np.array(views, "<f4").reshape(-1, 4)
     return AdviceQuestion(
         sender="test", step=SCAN.step, map_digest=SCAN.map_digest, hypotheses=tuple(places),
         elsewhere_probability=draw(st.floats(0.0, 1.0)), radius_m=draw(st.floats(0.0, 10.0)),

@@ -187,7 +187,6 @@ BELIEF = {
     "kidnapping_probability": 0.01,
     "piece_evidence": 0.7,
     "off_map_probability": 0.05,
-    "view_distance_m": 0.8,
     "least_probability": 1e-4,
 }
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from clustermcl.filter.advice.roads import SPACING_M, Roads, roads_of
+from clustermcl.filter.advice.view_memory import VIEW_M, VIEW_RAD, ViewMemory
 from clustermcl.filter.arrays import Points, Pose, Poses
-from clustermcl.filter.cluster.view_memory import ViewMemory
-from clustermcl.filter.laser.evidence_model import evidence_weight, scan_exponent
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
 from clustermcl.filter.poses import compose, heading_distance
@@ -99,8 +99,6 @@ class Question:
     """(K,) positive; their sum is the probability that the robot is at one of these places."""
     laser: LaserScan
     """The newest scan; its beams' directions are used."""
-    residual: float
-    """How much worse than an ideal one the newest scan fits [nat/beam]."""
     radius_m: float
     """Radius of the robot [m]."""
     seen: ViewMemory
@@ -147,7 +145,7 @@ def _shares(
     laser = _thinned(question.laser, settings.sensor.max_beams)
     expected = np.zeros((len(question.places), len(question.places)))
     for view in views[np.argsort(-views[:, 3], kind="stable")[:most]]:
-        expected += view[3] * _evidence(view[:3], question, laser, model, settings)
+        expected += view[3] * _evidence(view[:3], question, laser, model)
     shares = question.probabilities / question.probabilities.sum()
     others = (1.0 - shares + 1e-9) / (len(shares) - 1)
     found = np.maximum(np.log(shares / others), 0.0)
@@ -194,7 +192,7 @@ def _views(
     views = _Views(ways, {}, roads.nodes[roads.spots])
     for view in dict.fromkeys(view for *_, driven in ways for view in driven):
         at = views.pose_of(view)
-        views.evidence[view] = _evidence(at, question, thin, model, settings)
+        views.evidence[view] = _evidence(at, question, thin, model)
     return views
 
 
@@ -238,7 +236,7 @@ def _driven(
 
 
 def _evidence(
-    spot: Pose, question: Question, laser: LaserScan, model: SensorModel, settings: FilterSettings
+    spot: Pose, question: Question, laser: LaserScan, model: SensorModel
 ) -> NDArray[np.float64]:
     """Predict the scan of each place at a spot, and weigh it at all places.
 
@@ -258,18 +256,17 @@ def _evidence(
             continue  # nothing is in range, so nothing is weighed
         fits = model.log_likelihood(poses, beams).reshape(count, len(offsets)).max(axis=1)
         evidence[k] = scan_exponent(beams.count, model.settings) * np.maximum(fits[k] - fits, 0.0)
-    worth = evidence_weight(1.0, question.residual, settings.belief)
-    return np.asarray(worth * evidence**2 / (evidence + EVIDENCE_NOISE))
+    return np.asarray(evidence**2 / (evidence + EVIDENCE_NOISE))
 
 
 def _ways(
     question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
 ) -> list[Way]:
     rules = settings.belief
-    per_metre = _new_view(question.gate_m, rules.view_distance_m)
-    per_radian = _new_view(question.gate_rad, rules.view_turn_rad)
+    per_metre = _new_view(question.gate_m, VIEW_M)
+    per_radian = _new_view(question.gate_rad, VIEW_RAD)
     poses = np.array([views.pose_of(view) for view in views.evidence])
-    new = dict(zip(views.evidence, question.seen.new_share(poses, rules), strict=True))
+    new = dict(zip(views.evidence, question.seen.new_share(poses), strict=True))
     ways = []
     for poses, sure_poses, driven in views.ways:
         total = np.zeros((len(shares), len(shares)))
@@ -295,7 +292,7 @@ def _spots(question: Question, shares: NDArray[np.float64], views: _Views) -> ND
 
 def _new_view(gate: float, distance: float) -> float:
     """Return the share of a new view that each metre or radian shows (docs/belief.md)."""
-    if distance <= 0.0 or gate <= 0.0:
+    if gate <= 0.0:
         return 1.0 / max(gate, 0.05)
     return -math.expm1(-gate / distance) / gate
 

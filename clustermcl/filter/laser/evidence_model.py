@@ -1,4 +1,4 @@
-"""How much a scan counts: its exponent, its part in a search, and the usual fit (docs/belief.md).
+"""How much a scan counts: its exponent, and the usual fit (docs/belief.md).
 
 Beams of a scan are not independent, and errors of the map stay the same for about a metre of
 driving. Where no pose explains the scan, because of people or moved furniture, all fit badly.
@@ -11,7 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from clustermcl.filter.settings import BeliefSettings, SensorSettings
+from clustermcl.filter.settings import SensorSettings
 
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
@@ -36,19 +36,6 @@ def scan_exponent(beams: int, settings: SensorSettings) -> float:
     if not 0 < beams < settings.max_beams or exponent >= 1.0:
         return exponent
     return min(exponent * settings.max_beams / beams, 1.0)
-
-
-def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> float:
-    """Return the weight of a difference in log evidence, 0 to 1.
-
-    Args:
-        new_view: how much of a new view of the building the scan is, from 0 to 1.
-        residual: how much worse the best particle fits than one could [nat/beam].
-        rules: contain the residual at which a difference counts half.
-    """
-    if math.isnan(residual) or math.isinf(rules.evidence_residual):
-        return new_view
-    return new_view / (1.0 + (residual / rules.evidence_residual) ** 2)
 
 
 def residual(log_likelihood_per_beam: float, settings: SensorSettings) -> float:

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Points, Pose, Poses
-from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.cluster.cluster_filter import ParticleSet, new_share
 from clustermcl.filter.kernels.compiled import kernel
-from clustermcl.filter.laser.evidence_model import evidence_weight, residual, scan_exponent
+from clustermcl.filter.laser.evidence_model import residual, scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import log_sum, normalised_weights
 from clustermcl.filter.motion.model import move, standard_normals
@@ -34,7 +33,7 @@ from clustermcl.filter.search.branch_and_bound import (
     SearchSpace,
 )
 from clustermcl.filter.search.places import FoundPlace, Labels, Parts, clustered, found_places
-from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _REFINEMENTS = 2
@@ -51,6 +50,12 @@ _SCANS_JOINED = 8
 _CORRECTION_WORK = 2**16
 """Cost of correcting one place for occlusion [look-ups]."""
 _OBSERVATIONS_KEPT = 64
+_VIEW = ClusterSettings(view_distance_m=0.8, view_turn_rad=1.6)
+"""Distance and turn after which a scan is a new view: errors of the map stay the same for longer
+than a pose within a cluster."""
+_LARGE_RESIDUAL = 0.25
+"""Residual of the best pose at which a scan counts half: elsewhere or off the map, no pose explains
+it [nat/beam]."""
 _BLUR_M, _BLUR_RAD = 0.15, 0.05
 """Standard deviations added to observations: a pose stands for others in its part of the map."""
 _POSES_TOGETHER = 64
@@ -116,7 +121,6 @@ class GlobalSearch:
         self._most = max(self._rules.poses // self._rules.shards // 2, 1)
         self._wanted = self._most
         self._meter = WorkMeter()
-        self._views = ViewMemory()
         self._scans: list[_PastScan] = []
         """The scans for the next search of everything."""
         self._next_search = 1
@@ -171,7 +175,7 @@ class GlobalSearch:
         self._landmarks = landmarks if new else self._landmarks
         earlier = [each.moved(motion) for each in self._observations]
         self._observations = [*earlier, *new][-_OBSERVATIONS_KEPT:]
-        new_view, self._views = self._views.after(motion, rules.motion, rules.belief)
+        new_view = 1.0 if rules.belief.piece_evidence == 0.0 else new_share(motion, _VIEW)
         if len(beams.ranges) and self._sampled > _SAMPLED:
             self._scans.append(_PastScan(odom_from_after, beams))
             if len(self._scans) == self._next_search:
@@ -270,8 +274,10 @@ class GlobalSearch:
         penalty = ground_log_penalty(kept.poses, self._model.grid, not_free)
         gain = scan_exponent(beams.count, self._model.settings) * fits + penalty
         likelihood = log_sum(kept.log_weights + gain)
-        settings = self._settings
-        share = evidence_weight(new_view, residual(per_beam, settings.sensor), settings.belief)
+        share = new_view
+        if self._settings.belief.piece_evidence > 0.0:
+            bad = residual(per_beam, self._model.settings) / _LARGE_RESIDUAL
+            share /= 1.0 + bad**2
         log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
         log_weights = self._observed(kept.poses, log_weights, new)
@@ -316,8 +322,8 @@ class GlobalSearch:
     def _settle(self, kept: _Kept, beams: Beams, new_view: float = 1.0) -> Slices[None]:
         """Find the places after a scan, and correct their weights for occlusion.
 
-        Unlike the likelihood, the correction is tempered only by how new the view is, not by a bad
-        fit: neither people nor furniture open a wall.
+        Unlike the likelihood, the correction is not tempered by a bad fit: neither people nor
+        furniture open a wall.
         """
         yield
         labels, shares, correction = yield from corrections(

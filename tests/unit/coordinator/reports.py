@@ -67,8 +67,6 @@ def literal_bayes(**more: object) -> BeliefSettings:
     """The paper's update: evidence of whole scans, no forgetting, no hypothesis for elsewhere."""
     rules: dict[str, object] = {
         "piece_evidence": 0.0,
-        "view_distance_m": 0.0,
-        "evidence_residual": 1e9,
         "kidnapping_probability": 0.0,
         "off_map_probability": 0.0,
         "least_probability": 0.0,

@@ -16,8 +16,8 @@ from clustermcl.filter.advice.advice import (
     expected_gains,
 )
 from clustermcl.filter.advice.roads import MARGIN_M, roads_of
+from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose
-from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings
@@ -42,7 +42,7 @@ def two_flats(*, cupboard: bool) -> Cells:
 
 
 def seen_at(*poses: Sequence[float] | Pose) -> ViewMemory:
-    rows = [(x, y, heading, 1.0, 0.0, 0.0) for x, y, heading in poses]
+    rows = [(x, y, heading, 1.0) for x, y, heading in poses]
     return ViewMemory(np.array(rows, "<f4").tobytes())
 
 
@@ -51,7 +51,7 @@ def question(*places: tuple[float, float, float]) -> Question:
     count = len(places)
     return Question(
         np.array(places), np.array([KNOWN] * count), np.full(count, 1.0 / count), laser,
-        0.0, RADIUS_M, ViewMemory(), 0.2, 0.2,
+        RADIUS_M, ViewMemory(), 0.2, 0.2,
     )  # fmt: skip
 
 

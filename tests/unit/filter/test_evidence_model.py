@@ -7,22 +7,10 @@ from hypothesis import strategies as st
 
 from clustermcl.filter.laser.evidence_model import (
     UsualFit,
-    evidence_weight,
     residual,
     short_beam_gain,
 )
-from clustermcl.filter.settings import BeliefSettings, SensorSettings
-
-RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_residual=0.5)
-
-
-def test_evidence_weighs_less_the_worse_the_best_place_fits() -> None:
-    shares = [evidence_weight(1.0, bad, RULES) for bad in (0.0, 0.25, 0.5, 1.0)]
-    assert shares == pytest.approx([1.0, 0.8, 0.5, 0.2])
-    assert evidence_weight(0.3, 0.5, RULES) == pytest.approx(0.15)
-    assert evidence_weight(0.3, math.nan, RULES) == 0.3, "no beam was weighed"
-    literal = BeliefSettings(evidence_residual=math.inf)
-    assert evidence_weight(1.0, 9.0, literal) == 1.0
+from clustermcl.filter.settings import SensorSettings
 
 
 def test_the_residual_is_the_loss_against_beams_that_all_end_on_obstacles() -> None:
@@ -31,7 +19,6 @@ def test_the_residual_is_the_loss_against_beams_that_all_end_on_obstacles() -> N
     assert residual(best, sensor) == 0.0
     assert residual(best - 1.5, sensor) == pytest.approx(1.5)
     assert residual(best + 1e-9, sensor) == 0.0, "rounding"
-    assert math.isnan(residual(math.nan, sensor))
 
 
 def fit_after(*scans: float) -> UsualFit:

@@ -22,7 +22,7 @@ from tests.unit.filter.rooms import (
 )
 
 START = np.array([1.0, 3.2, -0.4])
-LITERAL = BeliefSettings(view_distance_m=0.0, evidence_residual=math.inf)
+LITERAL = BeliefSettings(piece_evidence=0.0)
 """Each scan counts in full."""
 
 

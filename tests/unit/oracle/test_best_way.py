@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from clustermcl.filter.advice.advice import EVIDENCE_NOISE, Question, advised_ways
+from clustermcl.filter.advice.view_memory import VIEW_M, VIEW_RAD, ViewMemory
 from clustermcl.filter.arrays import FREE, OCCUPIED, Cells
-from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.poses import wrap_angle
 from clustermcl.filter.settings import FilterSettings
 from tests.unit.filter.naive_rays import cast_rays
@@ -22,7 +22,6 @@ GATE = 0.2
 OFF_M, OFF_RAD = (-0.075, 0.0, 0.075), (-0.03, 0.0, 0.03)
 """Poses are known no better."""
 PLACES = np.array([[1.0, 1.0, 0.0], [7.0, 1.0, 0.0]])
-RULES = FilterSettings().belief
 
 
 def two_rooms() -> Cells:
@@ -71,8 +70,8 @@ def rate(points: Sequence[tuple[float, float]]) -> float:
         metres, direction = math.hypot(to_x - x, to_y - y), math.atan2(to_y - y, to_x - x)
         radians = abs(wrap_angle(direction - heading))
         length, turned, heading = length + metres, turned + radians, direction
-        new = metres * -math.expm1(-GATE / RULES.view_distance_m) / GATE
-        new += radians * -math.expm1(-GATE / RULES.view_turn_rad) / GATE
+        new = metres * -math.expm1(-GATE / VIEW_M) / GATE
+        new += radians * -math.expm1(-GATE / VIEW_RAD) / GATE
         total += new * counted((round(to_x, 2), round(to_y, 2)))
     gains = 1.0 - np.log1p(np.exp(-total)) / math.log(2.0)
     # The log-likelihood ratio is normal, with twice its mean as variance.
@@ -95,7 +94,7 @@ def test_the_first_three_have_the_best_of_all_short_ways() -> None:
     laser = scan_of(np.ones(len(ANGLES)), RANGE_M)
     known = np.diag([0.05, 0.05, 0.02]) ** 2
     question = Question(
-        PLACES, np.array([known, known]), np.full(2, 0.5), laser, 0.0, RADIUS_M, ViewMemory(),
+        PLACES, np.array([known, known]), np.full(2, 0.5), laser, RADIUS_M, ViewMemory(),
         GATE, GATE,
     )  # fmt: skip
     ways, _ = advised_ways(question, MODEL, FilterSettings())

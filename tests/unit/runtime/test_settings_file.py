@@ -175,11 +175,11 @@ def test_a_robots_name_that_is_no_part_of_a_key_is_refused(name: str) -> None:
 
 
 def test_a_short_file_has_an_operators_settings_and_those_that_were_changed() -> None:
-    changed = load_settings(None, ["belief.evidence_residual=0.5"])
+    changed = load_settings(None, ["belief.least_probability=0.5"])
     text = settings_as_toml(changed, EVERYDAY)
     names = {
         f"{section}.{key}" if isinstance(values, dict) else section
         for section, values in tomllib.loads(text).items()
         for key in (values if isinstance(values, dict) else [""])
     }
-    assert names == EVERYDAY | {"belief.evidence_residual"}
+    assert names == EVERYDAY | {"belief.least_probability"}

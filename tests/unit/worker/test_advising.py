@@ -1,3 +1,4 @@
+import math
 import multiprocessing
 import time
 from collections.abc import Callable
@@ -77,7 +78,9 @@ def test_from_a_probable_elsewhere_a_note_says_so() -> None:
 
 
 def test_places_in_walls_have_no_common_way() -> None:
-    reported = answer_to(question((5.0, 5.0, 0.0), (-5.0, -5.0, 0.0)))
+    equal = computed_model(world("cross").map.grid, SETTINGS.sensor)
+    asked = question((5.0, 5.0, 0.0), (-5.0, -5.0, math.pi))
+    reported = advice(asked, SCAN, equal, SETTINGS, "worker-0")
     assert reported.ways == ()
     assert reported.note == "no ground is free at all 2 places"
 

@@ -260,7 +260,7 @@ def test_a_successor_receives_the_evidence_of_elsewhere() -> None:
 
 def test_a_robot_among_more_look_alikes_than_clusters_is_never_lost() -> None:
     """It stands: its first search ends with most of it elsewhere, and the next one begins."""
-    rules = literal_bayes(kidnapping_probability=HAZARD, max_clusters=2, view_distance_m=0.8)
+    rules = literal_bayes(kidnapping_probability=HAZARD, max_clusters=2)
     search = SearchSettings(shards=1, max_steps=1)
     made = Ensemble.of(FilterSettings(search=search, belief=rules))
     made.begin_at(0)
