@@ -182,9 +182,7 @@ class Ensemble(Part, kw_only=True):
             self._admit_observed(pool_of(step, [observed], np.ones(1), self.settings.search))
             ledger.note("observed places")
         self.search.note_means(step, self.clusters.all())
-        if step % self.settings.belief.merge_every_steps == 0:
-            self.events += self.clusters.merge_overlaps()
-        self.events += self.clusters.drop_improbable()
+        self.events += [*self.clusters.merge_overlaps(), *self.clusters.drop_improbable()]
         ledger.note("places merged or dropped")
         review_particles(self.clusters, self.settings, step)
         if self.search.runs:
@@ -375,7 +373,7 @@ class Ensemble(Part, kw_only=True):
         settings, step = self.settings, scan.step
         if not settings.belief.link_probability:
             return
-        ends = ride(self.clusters, scan, hazard, in_cabin=in_cabin)
+        ends = ride(self.clusters, scan, hazard, settings.search, in_cabin=in_cabin)
         room = self.clusters.room()
         entering: list[Candidate] = []
         for (cluster, end, share), leaving in zip(ends, room, strict=False):

@@ -3,12 +3,11 @@
 A scan in a lift whose doors are closed shows the cabin only, which is the same on all floors.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from clustermcl.belief.cluster_set import Cluster, ClusterSet
-from clustermcl.filter.poses import heading_distance
+from clustermcl.belief.overlaps import is_near
+from clustermcl.filter.settings import SearchSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, Scan
 
@@ -18,8 +17,6 @@ LEAST_RETURNED = 0.5
 """Share of the beams that return in a cabin."""
 CABIN_RADII = 2.0
 """A cabin reaches no farther from the laser than this, in radii of the link."""
-SAME_M, SAME_RAD = 1.0, 0.7
-"""A cluster this near to the end of a ride is the same place."""
 
 
 def is_in_cabin(scan: Scan, held: ClusterSet) -> bool:
@@ -42,7 +39,7 @@ def _returned(laser: Scan | LaserBeams) -> np.ndarray:
 
 
 def ride(
-    held: ClusterSet, scan: Scan, hazard: float, *, in_cabin: bool
+    held: ClusterSet, scan: Scan, hazard: float, rules: SearchSettings, *, in_cabin: bool
 ) -> list[tuple[Cluster, PoseTuple, float]]:
     """Move probability to the other ends of links, where places are tracked.
 
@@ -50,6 +47,7 @@ def ride(
         held: the clusters, which are changed.
         scan: the step's scan, with the links.
         hazard: probability that the robot has changed its floor since the last scan.
+        rules: distances within which a cluster is at the end of a ride.
         in_cabin: all floors of the link are equally probable.
 
     Returns:
@@ -62,19 +60,13 @@ def ride(
         leaves = len(ends) / (len(ends) + 1.0) if in_cabin else hazard
         for end in ends:
             share = cluster.probability * leaves / len(ends)
-            there = _tracked_at(end, held.all())
-            if there is None:
+            means = [other.pose for other in held.all()]
+            near = is_near(means, [end], rules.source_radius_m, rules.source_heading_rad)
+            if not near.any():
                 entering.append((cluster, end, share))
-            else:
-                for number, gain in ((cluster.cluster, -share), (there.cluster, share)):
-                    gains[number] = gains.get(number, 0.0) + gain
+                continue
+            there = held.all()[int(near.argmax())]
+            for number, gain in ((cluster.cluster, -share), (there.cluster, share)):
+                gains[number] = gains.get(number, 0.0) + gain
     held.move(gains)
     return sorted(entering, key=lambda each: -each[2])
-
-
-def _tracked_at(pose: PoseTuple, clusters: Iterable[Cluster]) -> Cluster | None:
-    for cluster in clusters:
-        apart_m = float(np.hypot(cluster.pose[0] - pose[0], cluster.pose[1] - pose[1]))
-        if apart_m < SAME_M and heading_distance(cluster.pose[2], pose[2]) < SAME_RAD:
-            return cluster
-    return None

@@ -134,8 +134,6 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """State `lost` above this probability of elsewhere, off the map included."""
     candidate_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.003
     """Least weight of a search's places, relative to the belief, at its end."""
-    merge_every_steps: PositiveInt = 5
-    """Interval at which overlapping clusters are merged [steps]."""
     merge_distance_m: Positive = 0.5
     """Clusters merge if their means are within this distance [m]."""
     merge_heading_rad: Positive = 0.35

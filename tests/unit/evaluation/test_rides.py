@@ -10,6 +10,7 @@ from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.evaluation.run import Case, EstimatedStep, Run, SimulatedRobot
 from clustermcl.filter.random_streams import Purpose
+from clustermcl.filter.settings import SearchSettings
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
@@ -61,7 +62,7 @@ def test_a_closed_cabin_is_seen_where_there_is_one(
 
 def test_the_other_ends_get_the_hazard_and_probability_is_kept() -> None:
     held = held_at(on("ground"), on("first"), on("second", IN_CORRIDOR))
-    ends = ride(held, scan(1.0), 0.1, in_cabin=False)
+    ends = ride(held, scan(1.0), 0.1, SearchSettings(), in_cabin=False)
     assert [(FLOORS.on_floor(end)[0], share) for _, end, share in ends] == [
         ("second", pytest.approx(1 / 60)), ("second", pytest.approx(1 / 60))
     ]  # fmt: skip
@@ -73,7 +74,7 @@ def test_the_other_ends_get_the_hazard_and_probability_is_kept() -> None:
 def test_behind_closed_doors_all_floors_are_equally_probable() -> None:
     held = held_at(on("ground"), on("first"), on("second"))
     held.move({0: 0.6, 1: -0.3, 2: -0.3})
-    assert ride(held, scan(1.0), 0.02, in_cabin=True) == []
+    assert ride(held, scan(1.0), 0.02, SearchSettings(), in_cabin=True) == []
     assert [each.probability for each in held.all()] == pytest.approx([1 / 3] * 3)
 
 

@@ -147,14 +147,14 @@ def test_a_place_without_a_report_keeps_its_probability(third: str) -> None:
 
 
 def test_merged_places_add_their_weights() -> None:
-    """Looked for at step 3; from then on the more probable one's particles speak for both."""
+    """From the first step on the more probable one's particles speak for both."""
     shares = {"mirrored": 0.45, "truth": 0.3, "beside": 0.25}
     gathered = np.stack([evidence("plain", place) for place in shares])
-    odds = exact_log_odds(np.log(list(shares.values())), gathered[:, :3])
+    odds = exact_log_odds(np.log(list(shares.values())), gathered[:, :1])
     before = np.exp([0.0, *odds])
     both = np.log([before[0], before[1] + before[2]])
-    exact = exact_log_odds(both, gathered[:2, 3:])
-    found = log_odds("plain", shares, merge_every_steps=3, merge_distance_m=0.6)
+    exact = exact_log_odds(both, gathered[:2, 1:])
+    found = log_odds("plain", shares, merge_distance_m=0.6)
     assert {len(one) for one in found} == {1}
     assert_is_mean_of(exact[0], [one[0] for one in found], GRID_ERROR)
 

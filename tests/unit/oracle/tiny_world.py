@@ -98,7 +98,7 @@ def _scan(step: int, odom: Array, ranges: NDArray[np.float32]) -> Scan:
 
 def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettings:
     rules = {
-        "max_clusters": 4, "merge_every_steps": 1000, "search_every_steps": 1000,
+        "max_clusters": 4, "merge_distance_m": 1e-9, "search_every_steps": 1000,
         "elsewhere_poses": ELSEWHERE_POSES, "lost_probability": 1.0, **belief,
     }  # fmt: skip
     return FilterSettings(
