@@ -146,9 +146,10 @@ class ClusterSet(Part):
         """Return the evidence of a piece that fits at one of two places, not at the other [nat].
 
         Where others explain nearly as much as the best, as in a changed building with rooms alike,
-        which of them explains one more piece is chance.
+        which of them explains one more piece is chance; in a true map it is still what decides.
         """
-        return max(self.best.familiarity.evidence - self.others.evidence, APART)
+        best = self.best.familiarity.evidence
+        return max(best - self.others.evidence, APART * best)
 
     def behind(self) -> float:
         """Return the share, 0 to 1, of its evidence that a piece has which fits behind a wall.

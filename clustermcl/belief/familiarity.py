@@ -15,8 +15,8 @@ BEST = 0.97
 """Largest share: even a true map has pieces that change."""
 CORRELATED = 0.5
 """Pieces are not independent: factor on their evidence."""
-APART = 0.2
-"""Least evidence of a piece among places that explain the same [nat]."""
+APART = 0.7
+"""Least share of the evidence of a piece that counts among places which explain the same."""
 _Pieces = Annotated[float, Meta(ge=0.0, le=2.0 * MOST)]
 
 

@@ -176,7 +176,7 @@ def test_a_piece_counts_less_where_places_explain_the_same(other: float, counts:
     weigh(made, with_fits({"c0": (1.0,) * 4, "c1": (0.0,) * 4}), beams=made.piece_evidence * NEW)
     one, two, _ = probabilities(made)
     assert made.best.cluster == 0
-    assert math.log(one / two) == pytest.approx(best if counts == 1.0 else APART, rel=0.1)
+    assert math.log(one / two) == pytest.approx(counts * best, rel=0.1)
 
 
 def test_a_wrong_place_does_not_hide_how_much_the_right_one_explains() -> None:
