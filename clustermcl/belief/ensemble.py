@@ -203,7 +203,7 @@ class Ensemble(Part, kw_only=True):
         Look-alikes do not enter beside it until scans speak against it, and a search begins.
         """
         self._forget(given.sample.step, "forgotten")
-        self.founding = False
+        self.founding = True
         self.clusters.expect_given()
         weight = given.share / (1.0 - given.share)
         self._admit([(replace(given, share=weight), "given")], given.sample.step)

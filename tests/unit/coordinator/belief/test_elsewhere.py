@@ -288,3 +288,12 @@ def test_the_first_search_has_lost_nothing_also_if_the_robot_may_be_off_the_map(
     over = searched("s0.0", 1, {NORTH: 1.0})
     ended = made.advance(1, [*at_north(1, -3.0, -3.0), over])
     assert (ended.state, ended.searching) == ("lost", False)
+
+
+def test_a_robot_with_a_wrong_given_pose_is_searched_for_and_not_lost() -> None:
+    """A standing robot gets steps while it is searched for."""
+    made = bootstrapped({NORTH: 1.0}, off_map_probability=0.05)
+    made.set_pose(place(0.95, EAST, 0))
+    outcome = made.advance(1, [tracked("c1", 1, 1e-30, EAST), elsewhere(1, -2.0)])
+    assert outcome.elsewhere_probability > 0.9
+    assert (outcome.state, outcome.searching) == ("searching", True)
