@@ -72,7 +72,7 @@ class Ensemble(Part, kw_only=True):
     """What the places that it may be at have seen, for advice where to drive."""
     pieces: Pieces = Pieces()
     founding: bool = True
-    """Whether the first search since all places were forgotten has found none yet."""
+    """Whether no place has held since all were forgotten or a pose was given: nothing was lost."""
     begin: dict[str, Job] = {}
     events: list[JobEvent] = []
 

@@ -120,7 +120,8 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     least_probability: Share = 0.0001
     """Places below this probability do not enter, clusters below it are dropped; 0: none."""
     piece_evidence: NotNegative = 0.7
-    """Evidence of a piece of wall that fits, against one that does not; 0: whole scans [nat]."""
+    """Least evidence of a piece of wall that fits, against elsewhere and off the map; 0: whole
+    scans [nat]."""
     kidnapping_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.001
     """Probability of a kidnapping at each step; 0: never."""
     off_map_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.05

@@ -29,6 +29,7 @@ MAX_PIECES = 2_000
 """Largest number of pieces; those far from the robot are forgotten first."""
 _ROW = np.dtype([("x", "<i4"), ("y", "<i4"), ("ended", "<f4"), ("passed", "<f4")])
 _FAR_M = 2e8
+"""Ends and robots farther away than this have no piece [m]: their blocks must fit into int32."""
 _Coordinate = Annotated[float, Meta(ge=-_FAR_M, le=_FAR_M)]
 
 
