@@ -55,7 +55,7 @@ def weigh(
             NaN: unknown.
         observed_elsewhere: log average likelihood ratio of the step's observations over the
             whole map.
-        beams: (B,) evidence of the beams, if they fit (`Pieces`) [nat]; None: unknown.
+        beams: (B,) how new the pieces are at which the beams end (`Pieces`); None: unknown.
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
         unseen: share of the scan whose pieces of wall are new, and so count for elsewhere where a
@@ -126,6 +126,7 @@ class _Update:
         self._held, self._reports, self._ledger = held, reports, ledger
         self._news, self._per_piece = news, held.piece_evidence
         self._beams = np.zeros(0) if beams is None else beams
+        self._new = float(self._beams.sum())
         self._evidence = np.array(
             [r.log_weight_sum - math.log(r.particles) if r else math.nan for r in reports]
         )
@@ -161,13 +162,15 @@ class _Update:
         self._ledger.note_facts(
             fit=self._evidence - np.nanmax(self._evidence),
             counted=evidence - np.fmax.reduce(evidence),
-            new_pieces=float(self._beams.sum()) / (self._per_piece or 1.0),
+            new_pieces=self._new,
         )
         return belief.updated(among, evidence), log_scan
 
     def _of_pieces(self) -> NDArray[np.float64]:
         """Return (K,) evidence of what is new of the scan [nat]; NaN: unknown."""
-        among, behind = self._held.evidence_among() / self._per_piece, self._held.behind()
+        held, learned = self._held, self._held.learned
+        among = learned.evidence_among(held.best.familiarity)
+        behind = learned.behind(self._per_piece)
         evidence = np.full(len(self._reports), math.nan)
         for index, found in self._explained.items():
             evidence[index] = among * (found.front + behind * (found.fitting - found.front))
@@ -175,12 +178,13 @@ class _Update:
 
     def _learn(self, shares: NDArray[np.float64]) -> None:
         """Learn how much of what is new the places explain."""
-        unit, found = self._per_piece, self._explained
-        counted = [
-            (found[i].fitting / unit, found[i].front / unit) if i in found else None
-            for i in range(len(self._reports))
-        ]
-        self._held.learn(float(self._beams.sum()) / unit, shares.tolist(), counted)
+        held, every, found = self._held, self._held.all(), self._explained
+        for index, each in found.items():
+            known = every[index].familiarity.after(self._new, each.fitting)
+            held.clusters[every[index].cluster] = replace(every[index], familiarity=known)
+        best = held.best.cluster
+        of_all = [(float(shares[i]), each, every[i].cluster == best) for i, each in found.items()]
+        held.learned = held.learned.after(self._new, of_all)
 
     def observed(self, elsewhere: float) -> NDArray[np.float64]:
         """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.
@@ -200,9 +204,9 @@ class _Update:
         rules, explained = self._held.rules, self._explained
         if 0.0 in (rules.kidnapping_probability, rules.off_map_probability) or not explained:
             return 0.0
-        clear = np.array([each.clear for each in explained.values()])
+        clear = self._per_piece * np.array([each.clear for each in explained.values()])
         here = float(np.logaddexp.reduce(belief.normalised_logs(among[list(explained)]) + clear))
-        other = NO_PLACE * float(self._beams.sum())
+        other = NO_PLACE * self._per_piece * self._new
         if decoy is not None:
             other = max(other, decoy)
         elif self._held.off_map > OPEN:
@@ -215,7 +219,8 @@ class _Update:
         if not found:
             return 0.0
         share = np.exp(belief.normalised_logs(among[list(found)]))
-        return float(share @ [each.through - each.clear for each in found.values()])
+        each = [place.through - place.clear for place in found.values()]
+        return self._per_piece * float(share @ each)
 
     def follow_fit(self, log_scan: float, log_best: float) -> None:
         """Learn how well scans fit while the robot is localized."""

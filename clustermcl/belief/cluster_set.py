@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
-from clustermcl.belief.familiarity import APART, FRONT, OTHERS, USUAL, Familiarity
+from clustermcl.belief.familiarity import USUAL, Familiarity, Learned
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
@@ -95,12 +95,7 @@ class ClusterSet(Part):
     next_cluster: Count = 0
     short: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2
     """Share of the beams that end before any obstacle, learned during the run."""
-    familiarity: Familiarity = Familiarity()
-    """How well the map explains the building."""
-    in_front: Familiarity = Familiarity.of(FRONT)
-    """The same by beams that are not occluded."""
-    others: Familiarity = Familiarity.of(OTHERS)
-    """The same at places other than the one that explains most."""
+    learned: Learned = Learned()
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
     given: Given | None = None
@@ -135,59 +130,12 @@ class ClusterSet(Part):
     def piece_evidence(self) -> float:
         """Evidence of a piece of wall that fits, against one that does not [nat]."""
         least = self.rules.piece_evidence
-        return max(least, self.familiarity.evidence) if least else 0.0
+        return max(least, self.learned.probable.evidence) if least else 0.0
 
     @property
     def best(self) -> Cluster:
         """The place that explains most of what it has seen, however improbable."""
         return max(self.clusters.values(), key=lambda cluster: cluster.familiarity.share)
-
-    def evidence_among(self) -> float:
-        """Return the evidence of a piece that fits at one of two places, not at the other [nat].
-
-        Where others explain nearly as much as the best, as in a changed building with rooms alike,
-        which of them explains one more piece is chance; in a true map it is still what decides.
-        """
-        best = self.best.familiarity.evidence
-        return max(best - self.others.evidence, APART * best)
-
-    def behind(self) -> float:
-        """Return the share, 0 to 1, of its evidence that a piece has which fits behind a wall.
-
-        At a wrong place most of what is new fits only behind mapped walls; at the right one, only
-        where the building has changed. So it is 1 where the probable places explain no more than
-        half of what is new in front of walls.
-        """
-        return max(1.0 - self.in_front.evidence / self.piece_evidence, 0.0)
-
-    def learn(
-        self, new: float, shares: Sequence[float], explained: Sequence[tuple[float, float] | None]
-    ) -> None:
-        """Learn how well the map explains what is new of a scan.
-
-        Args:
-            new: number of new pieces.
-            shares: probability of each place among all.
-            explained: number of pieces that each place explains, and those in front of walls;
-                None: unknown.
-        """
-        known = [
-            (cluster, share, found)
-            for cluster, share, found in zip(self.all(), shares, explained, strict=True)
-            if found is not None
-        ]
-        of_all = math.fsum(share for _, share, _ in known)
-        for cluster, _, (fitting, _) in known:
-            each = cluster.familiarity.after(new, fitting)
-            self.clusters[cluster.cluster] = replace(cluster, familiarity=each)
-        best = self.best.cluster
-        for cluster, share, (fitting, _) in known:
-            if cluster.cluster != best:
-                self.others = self.others.after(share * new, share * fitting)
-        if of_all > 0.0:
-            fits = [math.fsum(s * found[i] for _, s, found in known) / of_all for i in (0, 1)]
-            self.familiarity = self.familiarity.after(new, fits[0])
-            self.in_front = self.in_front.after(new, fits[1])
 
     @property
     def may_be_lifted(self) -> bool:
@@ -272,7 +220,7 @@ class ClusterSet(Part):
                 place.pose,
                 place.covariance,
                 confirmed=cause != "given",
-                familiarity=Familiarity.of(max(USUAL, self.familiarity.share)),
+                familiarity=Familiarity.of(max(USUAL, self.learned.probable.share)),
             )
             self.next_cluster += 1
         self._normalise()

@@ -166,7 +166,9 @@ class Ensemble(Part, kw_only=True):
             beams=beams,
             news=news,
             unseen=unseen,
-            decoy=None if beams is None else self.decoy.explains(tracks, beams),
+            decoy=None
+            if beams is None
+            else self.decoy.explains(tracks, beams, self.clusters.piece_evidence),
             is_evidence=not in_cabin,
             ledger=ledger,
         )
@@ -257,7 +259,7 @@ class Ensemble(Part, kw_only=True):
     def _new_of_beams(
         self, elsewhere: ElsewhereReport | None, *, in_cabin: bool
     ) -> tuple[NDArray[np.float64] | None, float | None]:
-        """Return the evidence of each beam if it fits [nat], and the share of pieces that is new.
+        """Return how new the piece of each beam is, and the share of pieces that is new.
 
         None: unknown.
         """
@@ -265,9 +267,8 @@ class Ensemble(Part, kw_only=True):
             self.pieces = Pieces()  # another floor has others
         if in_cabin or elsewhere is None or elsewhere.seen is None:
             return None, None
-        weights, unseen, self.pieces = self.pieces.after(elsewhere.seen.array())
-        evidence = self.clusters.piece_evidence
-        return weights * evidence, unseen if evidence else None
+        beams, unseen, self.pieces = self.pieces.after(elsewhere.seen.array())
+        return beams, unseen if self.clusters.piece_evidence else None
 
     # --- the search
 

@@ -13,7 +13,7 @@ NO_PLACE = 0.2
 
 
 class Explained(NamedTuple):
-    """Evidence of what is new of a scan at a place [nat]."""
+    """Numbers of pieces, among what is new of a scan, at a place."""
 
     fitting: float
     """Of beams that fit, by how well they fit."""
@@ -30,7 +30,7 @@ def explains(report: TrackReport, beams: NDArray[np.float64]) -> Explained | Non
 
     Args:
         report: contains the fits of the beams.
-        beams: (B,) evidence of each beam if it fits [nat].
+        beams: (B,) how new the piece is at which each beam ends (`Pieces`).
 
     Returns:
         None: the report's beams are not these.

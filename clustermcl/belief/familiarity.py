@@ -1,10 +1,13 @@
 """How well the map explains the building, and so what a piece of wall is worth as evidence."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
 from msgspec import Meta
+
+from clustermcl.belief.explained import Explained
 
 USUAL, FRONT, OTHERS = 0.8, 0.65, 0.5
 """Shares at first: of a piece that the map explains, in front of its walls, and at wrong places."""
@@ -49,3 +52,50 @@ class Familiarity(msgspec.Struct, frozen=True):
     def after(self, new: float, explained: float) -> "Familiarity":
         kept = min(1.0, MOST / (self.new + new))
         return Familiarity(kept * (self.explained + explained), kept * (self.new + new))
+
+
+class Learned(msgspec.Struct, frozen=True):
+    """What all scans have shown of the map."""
+
+    probable: Familiarity = Familiarity()
+    """What the probable places explain."""
+    in_front: Familiarity = Familiarity.of(FRONT)
+    """The same by beams that are not occluded."""
+    others: Familiarity = Familiarity.of(OTHERS)
+    """What places explain other than the one that explains most."""
+
+    def evidence_among(self, best: Familiarity) -> float:
+        """Return the evidence of a piece that fits at one of two places, not at the other [nat].
+
+        Where others explain nearly as much as the best, as in a changed building with rooms alike,
+        which of them explains one more piece is chance; in a true map it is still what decides.
+        """
+        return max(best.evidence - self.others.evidence, APART * best.evidence)
+
+    def behind(self, piece_evidence: float) -> float:
+        """Return the share, 0 to 1, of its evidence that a piece has which fits behind a wall.
+
+        At a wrong place most of what is new fits only behind mapped walls; at the right one, only
+        where the building has changed. So it is 1 where the probable places explain no more than
+        half of what is new in front of walls.
+        """
+        return max(1.0 - self.in_front.evidence / piece_evidence, 0.0)
+
+    def after(self, new: float, found: Sequence[tuple[float, Explained, bool]]) -> "Learned":
+        """Return what is known after a scan.
+
+        Args:
+            new: number of new pieces.
+            found: of each place its probability, the pieces that it explains, and whether it has
+                explained most so far.
+        """
+        others = self.others
+        for share, each, is_best in found:
+            if not is_best:
+                others = others.after(share * new, share * each.fitting)
+        total = math.fsum(share for share, _, _ in found)
+        if total == 0.0:
+            return Learned(self.probable, self.in_front, others)
+        fitting = math.fsum(share * each.fitting for share, each, _ in found) / total
+        front = math.fsum(share * each.front for share, each, _ in found) / total
+        return Learned(self.probable.after(new, fitting), self.in_front.after(new, front), others)

@@ -186,7 +186,7 @@ class Decoy(Part):
         return tuple(place.job_id for place in self.places)
 
     def explains(
-        self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64]
+        self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64], unit: float
     ) -> float | None:
         """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
 
@@ -199,9 +199,9 @@ class Decoy(Part):
         if not told:
             return None
         rest = max(1.0 - math.fsum(place.probability for place, _, _ in told), LEAST_REST)
-        of_rest = math.log(rest) + NO_PLACE * float(beams.sum())
+        of_rest = math.log(rest) + unit * NO_PLACE * float(beams.sum())
         weighed = np.array(
-            [*(place.log_probability + each.clear for place, _, each in told), of_rest]
+            [*(place.log_probability + unit * each.clear for place, _, each in told), of_rest]
         )
         mean = float(np.logaddexp.reduce(weighed))
         moved = {
@@ -210,7 +210,7 @@ class Decoy(Part):
         }
         self.places = tuple(moved.get(place.cluster, place) for place in self.places)
         _, _, best = max(told, key=lambda one: one[1].log_likelihood_per_beam)
-        return min(mean, best.clear)
+        return min(mean, unit * best.clear)
 
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool

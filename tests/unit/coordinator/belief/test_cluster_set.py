@@ -140,8 +140,8 @@ def with_fits(
 def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
     """Not by those that have counted, and beams through walls are only misses."""
     made = first(0.6, 0.4, piece_evidence=2.0)
-    unit = made.evidence_among()
-    weigh(made, with_fits(FITS), beams=2.0 * NEW)
+    unit = made.learned.evidence_among(made.best.familiarity)
+    weigh(made, with_fits(FITS), beams=NEW)
     one, other, _ = probabilities(made)
     gained = unit * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
     assert math.log(one / other) == pytest.approx(math.log(1.5) + gained, abs=0.01)
@@ -149,12 +149,15 @@ def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
 
 def test_how_well_the_map_explains_new_beams_is_learned() -> None:
     made = first(0.75, 0.25, piece_evidence=2.0, kidnapping_probability=0.0)
-    unit, expected = made.piece_evidence, Familiarity()
-    others = made.others
+    expected, others = Familiarity(), made.learned.others
     equal = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (1.0, 0.5, 1.0, 0.0)}
-    weigh(made, with_fits(equal), beams=unit * NEW)
+    weigh(made, with_fits(equal), beams=NEW)
     explained = 0.5 + 0.25 * 32 / 63
-    learned = [made.familiarity, *(cluster.familiarity for cluster in made.all()), made.others]
+    learned = [
+        made.learned.probable,
+        *(cluster.familiarity for cluster in made.all()),
+        made.learned.others,
+    ]
     expected = [
         expected.after(1.0, explained), expected.after(1.0, 0.5 + 0.25 * 32 / 63),
         expected.after(1.0, 0.5 + 0.25 * 32 / 63), others.after(0.25, 0.25 * explained),
@@ -170,10 +173,10 @@ def test_a_piece_counts_less_where_places_explain_the_same(other: float, counts:
     made = first(0.5, 0.5, piece_evidence=0.7, kidnapping_probability=1e-9)
     for _ in range(1_000):
         alike = {"c0": (0.9,) * 4, "c1": (other,) * 4}
-        weigh(made, with_fits(alike), beams=made.piece_evidence * NEW)
+        weigh(made, with_fits(alike), beams=NEW)
         made.set_log_probabilities(np.log([0.4995, 0.4995, 0.0005, 0.0005]))
     best = made.best.familiarity.evidence
-    weigh(made, with_fits({"c0": (1.0,) * 4, "c1": (0.0,) * 4}), beams=made.piece_evidence * NEW)
+    weigh(made, with_fits({"c0": (1.0,) * 4, "c1": (0.0,) * 4}), beams=NEW)
     one, two, _ = probabilities(made)
     assert made.best.cluster == 0
     assert math.log(one / two) == pytest.approx(counts * best, rel=0.1)
@@ -187,9 +190,9 @@ def test_a_wrong_place_does_not_hide_how_much_the_right_one_explains() -> None:
         steps += 1
         assert steps < 60
         fits = {"c0": (0.6,) * 4, "c1": (0.95,) * 4}
-        weigh(made, with_fits(fits), beams=made.piece_evidence * NEW)
+        weigh(made, with_fits(fits), beams=NEW)
     assert made.best.cluster == 1
-    assert made.evidence_among() > 0.5
+    assert made.learned.evidence_among(made.best.familiarity) > 0.5
 
 
 @pytest.mark.parametrize("beams", [None, np.full(3, 0.5)])
@@ -233,7 +236,7 @@ def test_a_better_fit_elsewhere_counts_only_if_beams_pass_through_walls_here(
 ) -> None:
     """People stand before the laser, and the other beams fit."""
     made = first(0.9, piece_evidence=2.0, kidnapping_probability=1e-9)
-    weigh(made, with_fits({"c0": fits}, 0.5), math.log(5.0), beams=2.0 * NEW)
+    weigh(made, with_fits({"c0": fits}, 0.5), math.log(5.0), beams=NEW)
     assert made.elsewhere / probabilities(made)[0] == pytest.approx(gain / 9.0)
 
 

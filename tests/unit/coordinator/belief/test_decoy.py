@@ -76,18 +76,18 @@ def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> No
     """Beams through walls explain nothing; a place that is not tracked explains a fifth."""
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
-    beams, at = np.full(4, 2.0), (2.0, 0.0, 0.0)
+    beams, at = np.ones(4), (2.0, 0.0, 0.0)
     fits = {"d0": [1.0] * 4, "d1": [1.0] * 2 + [-1.0] * 2}
     reported = {job: tracked(job, step, 1.0, at, fits=each) for job, each in fits.items()}
     shares, each = np.array([0.2, 0.2, 0.6]), np.exp([8.0, 4.0, NO_PLACE * 8.0])
     for _ in range(2):
-        assert decoy.explains(reported, beams) == pytest.approx(math.log(shares @ each))
+        assert decoy.explains(reported, beams, 2.0) == pytest.approx(math.log(shares @ each))
         shares = shares * each / (shares @ each)
     assert [one.pose for one in decoy.places].count(at) == 2
     better = replace(reported["d1"], log_likelihood_per_beam=1.0)
-    assert decoy.explains({**reported, "d1": better}, beams) == pytest.approx(4.0)
-    assert decoy.explains({}, beams) is None
-    assert decoy.explains(reported, np.zeros(3)) is None, "the beams of another scan"
+    assert decoy.explains({**reported, "d1": better}, beams, 2.0) == pytest.approx(4.0)
+    assert decoy.explains({}, beams, 2.0) is None
+    assert decoy.explains(reported, np.zeros(3), 2.0) is None, "the beams of another scan"
 
 
 def clusters(off_map: float) -> ClusterSet:
@@ -98,8 +98,8 @@ def clusters(off_map: float) -> ClusterSet:
     return made
 
 
-BEAMS = np.full(40, 0.07)
-"""Evidence of each new beam in a view [nat]."""
+BEAMS = np.full(40, 0.1)
+"""How new the piece of each beam is in a view."""
 
 
 def weighed(off_map: float, share: float, of_decoy: float | None) -> float:
@@ -107,7 +107,7 @@ def weighed(off_map: float, share: float, of_decoy: float | None) -> float:
     made = clusters(off_map)
     for step in range(8):
         here = {"c0": tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fits=explaining(share))}
-        image = None if of_decoy is None else of_decoy * float(BEAMS.sum())
+        image = None if of_decoy is None else of_decoy * 0.7 * float(BEAMS.sum())
         weigh(made, here, beams=BEAMS, decoy=image)
         assert made.outside_clusters + sum(c.probability for c in made.all()) == pytest.approx(1.0)
     return made.off_map

@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import Ensemble
-from clustermcl.belief.familiarity import FRONT, Familiarity
+from clustermcl.belief.familiarity import FRONT, Familiarity, Learned
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import compose
@@ -162,8 +162,7 @@ def test_beams_that_fit_behind_walls_speak_for_a_place_in_a_changed_building_onl
     half = {}
     for share in (1 / 3, FRONT):
         made = two_places()
-        made.clusters.familiarity = Familiarity.of(5 / 6)
-        made.clusters.in_front = Familiarity.of(share)
+        made.clusters.learned = Learned(Familiarity.of(5 / 6), Familiarity.of(share))
         reports = [
             replace(tracked("c0", 1, 1.0, NORTH), fits=behind),
             tracked("c1", 1, 1.0, SOUTH, fits=[1.0] * 3),

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from clustermcl.belief.cluster_set import ClusterSet
-from clustermcl.belief.familiarity import BEST, CORRELATED, FIRST, MOST, USUAL, Familiarity
+from clustermcl.belief.familiarity import BEST, CORRELATED, FIRST, MOST, USUAL, Familiarity, Learned
 from clustermcl.filter.settings import BeliefSettings
 
 
@@ -16,7 +16,7 @@ def after(share: float, pieces: int) -> Familiarity:
 
 
 def of_a_piece(found: Familiarity, least: float = 0.7) -> float:
-    return ClusterSet(BeliefSettings(piece_evidence=least), familiarity=found).piece_evidence
+    return ClusterSet(BeliefSettings(piece_evidence=least), learned=Learned(found)).piece_evidence
 
 
 def test_a_piece_is_worth_more_where_the_map_has_explained_more() -> None:
@@ -49,11 +49,11 @@ def test_without_evidence_of_pieces_familiarity_gives_none() -> None:
 
 def test_pieces_behind_walls_count_less_the_fewer_there_are_at_the_right_place() -> None:
     counted = [
-        ClusterSet(familiarity=after(fits, 200), in_front=after(front, 200)).behind()
+        Learned(in_front=after(front, 200)).behind(of_a_piece(after(fits, 200)))
         for fits, front in ((0.9, 0.3), (0.9, 0.7), (0.99, 0.9))
     ]
     assert counted[0] == 1.0, "as much as others, where the building has changed"
     assert counted == sorted(counted, reverse=True)
     assert 0.0 < counted[-1] < 0.5
-    assert ClusterSet(in_front=after(1.0, 200)).behind() == 0.0, "no less than nothing"
-    assert 0.4 < ClusterSet().behind() < 0.7
+    assert Learned(in_front=after(1.0, 200)).behind(0.7) == 0.0, "no less than nothing"
+    assert 0.4 < Learned().behind(0.7) < 0.7
