@@ -168,10 +168,7 @@ class OrdinaryMCL:
             particles = ParticleSet(moved, particles.log_weights)
         self.particles = self._weighed(particles, scan_beams(scan, self._model))
         self.steps += 1
-        rules = settings.search
-        return _outcome(
-            scan, places_of(self.particles, rules, rules.min_place_share, rng), settings
-        )
+        return _outcome(scan, places_of(self.particles, settings, rng), settings)
 
     def _weighed(self, particles: ParticleSet, beams: Beams) -> ParticleSet:
         exponent = scan_exponent(beams.count, self._model.settings)

@@ -23,7 +23,7 @@ def checked(report: Report, settings: FilterSettings) -> Report:
     if isinstance(report, SearchReport):
         rules, found = settings.search, report.places
         places, particles = len(found), found.particles.shape[0]
-        most_particles = rules.places_with_particles * rules.hand_over_particles + rules.places
+        most_particles = settings.belief.max_clusters * rules.hand_over_particles + rules.places
         if places > rules.places or particles > most_particles:
             raise MalformedMessageError(
                 expected="SearchReport",

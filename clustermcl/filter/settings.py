@@ -100,13 +100,9 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     source_heading_rad: Positive = 0.5
     """And within this difference in heading [rad]."""
     hand_over_particles: Annotated[int, Meta(gt=0, le=100_000)] = 150
-    """Particles of a place in a shard's report."""
+    """Particles of a place in a shard's report, if it may become a cluster."""
     places: Annotated[int, Meta(gt=0, le=10_000)] = 256
     """Places in a shard's report, at most."""
-    places_with_particles: Annotated[int, Meta(gt=0, le=10_000)] = 64
-    """Places of them with particles."""
-    min_place_share: Share = 0.0001
-    """Places with a smaller share of the search are not reported."""
 
 
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -118,7 +114,8 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Particles of all clusters, shared out by probability as it changes; 0: cluster.particles
     each."""
     least_probability: Share = 0.0001
-    """Places below this probability do not enter, clusters below it are dropped; 0: none."""
+    """Places below this probability are not reported by searches and do not enter, clusters below
+    it are dropped; 0: none."""
     piece_evidence: NotNegative = 0.7
     """Least evidence of a piece of wall that fits, against elsewhere and off the map; 0: whole
     scans [nat]."""

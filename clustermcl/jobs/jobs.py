@@ -285,8 +285,8 @@ class Elsewhere(RunningJob):
         log_both = result.log_weight_sum + log_sum(corrected) - log_sum(weighed) - math.log(count)
         log_joint = log_both - log_likelihood
         log_observed = max(log_joint, log_average)
-        after, least = ParticleSet(poses, corrected), rules.min_place_share
-        found = finished(places.found_places(after, labels, rules, least, rng))
+        after = ParticleSet(poses, corrected)
+        found = finished(places.found_places(after, labels, self._settings, rng))
         return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
 
     def handed_on(self) -> work.Assignment:

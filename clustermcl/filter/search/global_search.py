@@ -199,8 +199,7 @@ class GlobalSearch:
         if self._kept is None:
             return []
         particles = ParticleSet(self._kept.poses, self._kept.log_weights)
-        least = self._rules.min_place_share
-        return (yield from found_places(particles, self._labels, self._rules, least, rng))
+        return (yield from found_places(particles, self._labels, self._settings, rng))
 
     def _search(self, rng: np.random.Generator) -> Slices[float]:
         """Search the whole space by all scans, in slices; return as `advance`."""
@@ -334,7 +333,7 @@ class GlobalSearch:
         log_weights += self.log_evidence - log_sum(log_weights)
         self._kept = replace(kept, log_weights=log_weights)
         self._labels = labels
-        places = int(np.count_nonzero(shares >= self._rules.min_place_share))
+        places = int(np.count_nonzero(shares >= self._settings.belief.least_probability))
         self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
 
 

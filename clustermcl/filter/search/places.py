@@ -12,7 +12,7 @@ from clustermcl.filter.cluster.gaussian import fit_gaussians
 from clustermcl.filter.kernels.compiled import kernel, plain
 from clustermcl.filter.log_weights import normalised_weights
 from clustermcl.filter.resampling import systematic
-from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.filter.slices import Slices, finished
 
 Labels = NDArray[np.int32]
@@ -162,14 +162,14 @@ class Parts:
 
 
 def places_of(
-    particles: ParticleSet, rules: SearchSettings, min_share: float, rng: np.random.Generator
+    particles: ParticleSet, settings: FilterSettings, rng: np.random.Generator
 ) -> list[FoundPlace]:
     """Cluster particles by source points (section 4); return the places, the most probable first.
 
-    Those with less than `min_share` of the weight are left out.
+    Those with a smaller share of the weight than `least_probability` are left out.
     """
-    labels, _ = clustered(particles.map_from_robot, particles.log_weights, rules)
-    return finished(found_places(particles, labels, rules, min_share, rng))
+    labels, _ = clustered(particles.map_from_robot, particles.log_weights, settings.search)
+    return finished(found_places(particles, labels, settings, rng))
 
 
 def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
@@ -182,8 +182,7 @@ def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> t
 def found_places(
     particles: ParticleSet,
     labels: Labels,
-    rules: SearchSettings,
-    min_share: float,
+    settings: FilterSettings,
     rng: np.random.Generator,
 ) -> Slices[list[FoundPlace]]:
     """Return places as `places_of` does, in slices, for particles with known labels."""
@@ -192,9 +191,9 @@ def found_places(
     means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends, parts.shares)
     yield
     by_share = np.argsort(-parts.shares, kind="stable")
-    reported = by_share[: np.count_nonzero(parts.shares >= min_share)]
+    reported = by_share[: np.count_nonzero(parts.shares >= settings.belief.least_probability)]
     counts = np.ones(len(reported), np.int64)
-    counts[: rules.places_with_particles] = rules.hand_over_particles
+    counts[: settings.belief.max_clusters] = settings.search.hand_over_particles
     drawn = _drawn(
         parts.weights, parts.shares, parts.ends, reported, counts, rng.random(len(reported))
     )

@@ -46,7 +46,6 @@ SETTINGS = FilterSettings(
         max_steps=4,
         hand_over_particles=15,
         places=8,
-        places_with_particles=4,
     ),
     belief=BeliefSettings(max_clusters=4, search_every_steps=6, candidate_probability=0.05),
 )

@@ -2,7 +2,12 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.coordinator.report_checks import checked
-from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from clustermcl.filter.settings import (
+    BeliefSettings,
+    ClusterSettings,
+    FilterSettings,
+    SearchSettings,
+)
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Report
 from tests.unit.coordinator import reports
@@ -10,7 +15,8 @@ from tests.unit.coordinator import reports
 HERE = (0.0, 0.0, 0.0)
 SETTINGS = FilterSettings(
     cluster=ClusterSettings(particles=2),
-    search=SearchSettings(places=3, places_with_particles=1, hand_over_particles=4),
+    search=SearchSettings(places=3, hand_over_particles=4),
+    belief=BeliefSettings(max_clusters=1),
 )
 """Clouds of two particles, as the tests' are; three places of 4, 1 and 1 particles."""
 

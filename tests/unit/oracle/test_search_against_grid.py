@@ -17,9 +17,7 @@ from tests.unit.oracle.tiny_world import CELL_M, DRIVE, MOTION, SENSOR, Drive, e
 
 STEPS, SEEDS, START = 4, range(16), np.array([0.75, 0.85, 0.3])
 BLUNT = replace(SENSOR, scan_likelihood_exponent=0.15)
-RULES = SearchSettings(
-    shards=2, poses=12_000, source_radius_m=0.15, source_heading_rad=0.3, min_place_share=0.0
-)
+RULES = SearchSettings(shards=2, poses=12_000, source_radius_m=0.15, source_heading_rad=0.3)
 GRID_ERROR = 0.02
 """Cells half as wide move the evidence by 0.01 and the share by less."""
 
