@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Pose, Poses
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.laser.evidence_model import scan_exponent
+from clustermcl.filter.laser.evidence_model import share_by_fit, scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from clustermcl.filter.motion.model import move, standard_normals
@@ -82,8 +82,9 @@ def measurement_update(
 ) -> MeasurementUpdate:
     """Multiply the weights by the likelihood of a scan; without beams, they stay.
 
-    `exponent` is there because beams are not independent. `share` is a further factor of the
-    log-likelihood, for the weights but not for the evidence.
+    `exponent` is there because beams are not independent. If less than all of the scan is new, its
+    `share`, times `share_by_fit`, is a further factor of the log-likelihood, for the weights but
+    not for the evidence.
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
@@ -92,11 +93,12 @@ def measurement_update(
     # The likelihood field is high inside walls, where no robot can be.
     penalty = ground_log_penalty(poses, model.grid, model.settings.not_free_log_penalty)
     log_weights, total = multiplied(before, fit, exponent, penalty)
-    if share < 1.0:
-        log_weights, _ = multiplied(before, fit, share * exponent, penalty)
     best = int(np.argmax(fit))
-    after = ParticleSet(poses, log_weights)
-    return MeasurementUpdate(after, total, float(fit[best]) / beams.count, poses[best])
+    per_beam = float(fit[best]) / beams.count
+    if share < 1.0:
+        share *= share_by_fit(per_beam, model.settings)
+        log_weights, _ = multiplied(before, fit, share * exponent, penalty)
+    return MeasurementUpdate(ParticleSet(poses, log_weights), total, per_beam, poses[best])
 
 
 def new_share(before_from_after: Pose, settings: ClusterSettings) -> float:

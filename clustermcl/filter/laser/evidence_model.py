@@ -17,6 +17,9 @@ SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
 _UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
 """Variance of the fits at one place [nat^2]: before the first scan, and at least."""
+_HALF = 0.5
+"""Residual at which a scan counts half: how much worse the best pose fits than one with every beam
+on an obstacle [nat/beam]."""
 _CHANCE = 3.0
 """Standard deviations by which a fit may be low by chance."""
 LARGE_FALL = 4.0
@@ -38,9 +41,14 @@ def scan_exponent(beams: int, settings: SensorSettings) -> float:
     return min(exponent * settings.max_beams / beams, 1.0)
 
 
-def residual(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
-    """Return how much worse a particle fits than one with every beam on an obstacle [nat/beam]."""
-    return max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
+def share_by_fit(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
+    """Return how much a scan counts for poses, 0 to 1, by how well the best of them fits.
+
+    Where a building has changed, or the robot is elsewhere, no pose explains the scan, and the one
+    that fits best is one along moved walls.
+    """
+    residual = max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
+    return 1.0 / (1.0 + (residual / _HALF) ** 2)
 
 
 def through_beam_loss(settings: SensorSettings) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import LogWeights, Points, Pose, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet, new_share
 from clustermcl.filter.kernels.compiled import kernel
-from clustermcl.filter.laser.evidence_model import residual, scan_exponent
+from clustermcl.filter.laser.evidence_model import share_by_fit, scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import log_sum, normalised_weights
 from clustermcl.filter.motion.model import move, standard_normals
@@ -53,9 +53,6 @@ _OBSERVATIONS_KEPT = 64
 _VIEW = ClusterSettings(view_distance_m=0.8, view_turn_rad=1.6)
 """Distance and turn after which a scan is a new view: errors of the map stay the same for longer
 than a pose within a cluster."""
-_LARGE_RESIDUAL = 0.25
-"""Residual of the best pose at which a scan counts half: elsewhere or off the map, no pose explains
-it [nat/beam]."""
 _BLUR_M, _BLUR_RAD = 0.15, 0.05
 """Standard deviations added to observations: a pose stands for others in its part of the map."""
 _POSES_TOGETHER = 64
@@ -275,8 +272,7 @@ class GlobalSearch:
         likelihood = log_sum(kept.log_weights + gain)
         share = new_view
         if self._settings.belief.piece_evidence > 0.0:
-            bad = residual(per_beam, self._model.settings) / _LARGE_RESIDUAL
-            share /= 1.0 + bad**2
+            share *= share_by_fit(per_beam, self._model.settings)
         log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
         log_weights = self._observed(kept.poses, log_weights, new)

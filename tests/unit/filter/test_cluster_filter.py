@@ -12,6 +12,7 @@ from clustermcl.filter.cluster.cluster_filter import (
     regularised_resample,
     resampled,
 )
+from clustermcl.filter.laser.evidence_model import share_by_fit
 from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import ClusterSettings, SensorSettings
@@ -54,13 +55,14 @@ def test_resampled_particles_have_equal_weights_and_the_same_mean(count: int) ->
         (np.array([0.0, 0.0, -0.2]), 1.0 - math.exp(-0.5)),
     ],
 )
-def test_a_scan_changes_weights_by_its_new_share_but_is_full_evidence(
+def test_a_scan_changes_weights_by_its_share_but_is_full_evidence(
     motion: Pose, share: float
 ) -> None:
     cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
     rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
     beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
     result = mcl_step(cloud, motion, beams, model, PERFECT_ODOMETRY, rules, rng)
+    share *= share_by_fit(result.log_likelihood_per_beam, model.settings)
     moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
     whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)

@@ -7,18 +7,19 @@ from hypothesis import strategies as st
 
 from clustermcl.filter.laser.evidence_model import (
     UsualFit,
-    residual,
+    share_by_fit,
     short_beam_gain,
 )
 from clustermcl.filter.settings import SensorSettings
 
 
-def test_the_residual_is_the_loss_against_beams_that_all_end_on_obstacles() -> None:
+def test_a_scan_counts_less_the_worse_its_best_pose_fits() -> None:
     sensor = SensorSettings(hit_weight=0.75, random_weight=0.25, hit_sigma_m=0.15, max_range_m=30.0)
     best = math.log(0.75 / (math.sqrt(2.0 * math.pi) * 0.15) + 0.25 / 30.0)
-    assert residual(best, sensor) == 0.0
-    assert residual(best - 1.5, sensor) == pytest.approx(1.5)
-    assert residual(best + 1e-9, sensor) == 0.0, "rounding"
+    assert share_by_fit(best, sensor) == 1.0
+    assert share_by_fit(best + 1e-9, sensor) == 1.0, "rounding"
+    assert share_by_fit(best - 0.5, sensor) == pytest.approx(0.5)
+    assert share_by_fit(best - 1.5, sensor) == pytest.approx(0.1)
 
 
 def fit_after(*scans: float) -> UsualFit:
