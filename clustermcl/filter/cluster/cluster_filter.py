@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Pose, Poses
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.laser.evidence_model import share_by_fit, scan_exponent
+from clustermcl.filter.laser.evidence_model import scan_exponent, share_by_fit
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from clustermcl.filter.motion.model import move, standard_normals

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import LogWeights, Points, Pose, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet, new_share
 from clustermcl.filter.kernels.compiled import kernel
-from clustermcl.filter.laser.evidence_model import share_by_fit, scan_exponent
+from clustermcl.filter.laser.evidence_model import scan_exponent, share_by_fit
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import log_sum, normalised_weights
 from clustermcl.filter.motion.model import move, standard_normals
