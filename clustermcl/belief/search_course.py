@@ -191,8 +191,7 @@ class Decoy(Part):
         """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
 
         It is averaged over all places of the decoy's search, of which those not tracked explain
-        `NO_PLACE` of them, and one that explains more counts more from then on. Or it is that of
-        the decoy which the whole scan fits best, if that is less: chance seldom makes both large.
+        `NO_PLACE` of them. One that explains more counts more from then on.
         """
         found = [(place, reports.get(place.job_id)) for place in self.places]
         told = [(place, r, each) for place, r in found if r and (each := explains(r, beams))]
@@ -209,8 +208,7 @@ class Decoy(Part):
             for (place, r, _), log in zip(told, (weighed[:-1] - mean).tolist(), strict=True)
         }
         self.places = tuple(moved.get(place.cluster, place) for place in self.places)
-        _, _, best = max(told, key=lambda one: one[1].log_likelihood_per_beam)
-        return min(mean, unit * best.clear)
+        return mean
 
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool
