@@ -1,11 +1,9 @@
 """The base of the parts of a coordinator's state, which are encoded as a tree."""
 
-from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import msgspec
 from msgspec import Meta
-
-from clustermcl.protocol.conversion import decoded
 
 MAX_ITEMS = 2_000
 """Largest number of clusters, jobs, places or causes: fifty times a large robot's."""
@@ -37,11 +35,3 @@ def handed_on(value: Any) -> Any:
             return {key: handed_on(item) for key, item in value.items()}
         case _:
             return value
-
-
-P = TypeVar("P", bound=Part)
-
-
-def successor_of(part: P) -> P:
-    """Return a copy of a part as a successor has it: local fields have their default values."""
-    return decoded(msgspec.msgpack.encode(handed_on(part)), type(part))

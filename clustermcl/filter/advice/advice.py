@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from clustermcl.filter.advice.roads import SPACING_M, Roads, roads_of
-from clustermcl.filter.advice.view_memory import VIEW_M, VIEW_RAD, ViewMemory
+from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import Points, Pose, Poses
-from clustermcl.filter.laser.evidence_model import scan_exponent
+from clustermcl.filter.laser.evidence_model import VIEW_M, VIEW_RAD, scan_exponent
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
 from clustermcl.filter.poses import compose, heading_distance

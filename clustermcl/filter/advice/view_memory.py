@@ -5,12 +5,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Pose, Poses
+from clustermcl.filter.laser.evidence_model import VIEW_M, VIEW_RAD
 from clustermcl.filter.poses import compose, heading_distance, inverse
 
 MAX_VIEWS = 256
 """Maximum number of views. The newest are kept, as odometry forgets where the others were."""
-VIEW_M, VIEW_RAD = 0.8, 1.6
-"""Distance and turn after which the errors of the map in two views correlate by 1/e [m], [rad]."""
 LEAST_NEW = 0.02
 """A scan of which a smaller share is new adds no view."""
 COLUMNS = 4

@@ -13,6 +13,8 @@ from msgspec import Meta
 
 from clustermcl.filter.settings import SensorSettings
 
+VIEW_M, VIEW_RAD = 0.8, 1.6
+"""Distance and turn after which the errors of the map in two views correlate by 1/e [m], [rad]."""
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
 _UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import LogWeights, Points, Pose, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet, new_share
 from clustermcl.filter.kernels.compiled import kernel
-from clustermcl.filter.laser.evidence_model import scan_exponent, share_by_fit
+from clustermcl.filter.laser.evidence_model import VIEW_M, VIEW_RAD, scan_exponent, share_by_fit
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import log_sum, normalised_weights
 from clustermcl.filter.motion.model import move, standard_normals
@@ -50,9 +50,7 @@ _SCANS_JOINED = 8
 _CORRECTION_WORK = 2**16
 """Cost of correcting one place for occlusion [look-ups]."""
 _OBSERVATIONS_KEPT = 64
-_VIEW = ClusterSettings(view_distance_m=0.8, view_turn_rad=1.6)
-"""Distance and turn after which a scan is a new view: errors of the map stay the same for longer
-than a pose within a cluster."""
+_VIEW = ClusterSettings(view_distance_m=VIEW_M, view_turn_rad=VIEW_RAD)
 _BLUR_M, _BLUR_RAD = 0.15, 0.05
 """Standard deviations added to observations: a pose stands for others in its part of the map."""
 _POSES_TOGETHER = 64

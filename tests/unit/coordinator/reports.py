@@ -4,17 +4,19 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.free_ground import FreeGround
-from clustermcl.belief.part import successor_of
+from clustermcl.belief.part import handed_on
 from clustermcl.belief.search_pool import Pool, Views
 from clustermcl.coordinator.coordinator import Started
 from clustermcl.filter.arrays import FREE
 from clustermcl.filter.settings import BeliefSettings, FilterSettings
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
@@ -55,6 +57,11 @@ def work_order(number: int = 1, *, term: int = 0, **more: Any) -> WorkOrder:
         snapshot_every_steps=10, keep=(), begin=(),
     )  # fmt: skip
     return replace(usual, **more)
+
+
+def successor_of(ensemble: Ensemble) -> Ensemble:
+    """Return a copy as a successor has it: local fields have their default values."""
+    return decoded(msgspec.msgpack.encode(handed_on(ensemble)), Ensemble)
 
 
 def resumed(ensemble: Ensemble) -> Ensemble:

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from clustermcl.filter.advice.advice import EVIDENCE_NOISE, Question, advised_ways
-from clustermcl.filter.advice.view_memory import VIEW_M, VIEW_RAD, ViewMemory
+from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import FREE, OCCUPIED, Cells
+from clustermcl.filter.laser.evidence_model import VIEW_M, VIEW_RAD
 from clustermcl.filter.poses import wrap_angle
 from clustermcl.filter.settings import FilterSettings
 from tests.unit.filter.naive_rays import cast_rays

@@ -7,7 +7,6 @@ from msgspec.structs import replace
 from clustermcl.belief.bayes_update import PERHAPS_LIFTED
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.outcome import Outcome
-from clustermcl.belief.part import successor_of
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import ElsewhereJob, Report
@@ -18,6 +17,7 @@ from tests.unit.coordinator.reports import (
     place,
     resumed,
     searched,
+    successor_of,
     tracked,
 )
 
