@@ -276,19 +276,6 @@ class ClusterSet(Part):
         self.given, self.on_map = Given(), True
         self.log_elsewhere, self.log_off_map = 0.0, -math.inf
 
-    def give_up_given(self) -> None:
-        """Prepare the search after a given place has failed.
-
-        Elsewhere gets what the state `localized` leaves it, so that places enter by how well they
-        fit.
-        """
-        self.given = None
-        logs = [cluster.log_probability for cluster in self.all()]
-        sure = self.rules.localized_probability
-        least = float(np.logaddexp.reduce(logs)) + log_of(1.0 - sure) - math.log(sure)
-        self.log_elsewhere = max(self.log_elsewhere, least)
-        self._normalise()
-
     def move(self, gains: Mapping[int, float]) -> None:
         """Add to the probabilities of clusters; negative: take from them."""
         for number, gain in gains.items():

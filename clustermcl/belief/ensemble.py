@@ -288,7 +288,7 @@ class Ensemble(Part, kw_only=True):
         if given is not None and not fails:
             return
         if fails:
-            self.clusters.give_up_given()
+            self.clusters.given = None
         lifted = self._is_elsewhere and not was_elsewhere and not self.founding
         if fails or lifted or fell:
             self.events += self.search.stop(step, "search stopped")

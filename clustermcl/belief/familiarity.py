@@ -18,8 +18,8 @@ BEST = 0.97
 """Largest share: even a true map has pieces that change."""
 CORRELATED = 0.5
 """Pieces are not independent: factor on their evidence."""
-APART = 0.7
-"""Least share of the evidence of a piece that counts among places which explain the same."""
+CHANCE = 0.5
+"""Most that the evidence of a piece loses among places of which others explain much, too [nat]."""
 _Pieces = Annotated[float, Meta(ge=0.0, le=2.0 * MOST)]
 
 
@@ -70,7 +70,7 @@ class Learned(msgspec.Struct, frozen=True):
         Where others explain nearly as much as the best, as in a changed building with rooms alike,
         which of them explains one more piece is chance; in a true map it is still what decides.
         """
-        return max(best.evidence - self.others.evidence, APART * best.evidence)
+        return max(best.evidence - min(self.others.evidence, CHANCE), 0.0)
 
     def behind(self, piece_evidence: float) -> float:
         """Return the share, 0 to 1, of its evidence that a piece has which fits behind a wall.

@@ -50,7 +50,7 @@ def share_by_fit(log_likelihood_per_beam: float, settings: SensorSettings) -> fl
     that fits best is one along moved walls.
     """
     residual = max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
-    return 1.0 / (1.0 + (residual / _HALF) ** 2)
+    return 1.0 / (1.0 + residual / _HALF)
 
 
 def through_beam_loss(settings: SensorSettings) -> float:

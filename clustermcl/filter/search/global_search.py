@@ -270,7 +270,7 @@ class GlobalSearch:
         likelihood = log_sum(kept.log_weights + gain)
         share = new_view
         if self._settings.belief.piece_evidence > 0.0:
-            share *= share_by_fit(per_beam, self._model.settings)
+            share *= share_by_fit(per_beam, self._model.settings) ** 2
         log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
         log_weights = self._observed(kept.poses, log_weights, new)

@@ -19,7 +19,7 @@ def test_a_scan_counts_less_the_worse_its_best_pose_fits() -> None:
     assert share_by_fit(best, sensor) == 1.0
     assert share_by_fit(best + 1e-9, sensor) == 1.0, "rounding"
     assert share_by_fit(best - 0.5, sensor) == pytest.approx(0.5)
-    assert share_by_fit(best - 1.5, sensor) == pytest.approx(0.1)
+    assert share_by_fit(best - 1.5, sensor) == pytest.approx(0.25)
 
 
 def fit_after(*scans: float) -> UsualFit:

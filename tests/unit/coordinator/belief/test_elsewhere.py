@@ -234,7 +234,7 @@ def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended
         outcome = made.advance(
             step, [replace(through, step=step), elsewhere(step, -2.0, ends=ends)]
         )
-    assert outcome.elsewhere_probability == pytest.approx(0.1)
+    assert outcome.hypotheses[0].probability > 0.9
     assert outcome.searching
     found = searched("s1.0", step + 1, {SOUTH: 1.0}, log_evidence=5.0 if better else -5.0)
     for later in range(step + 1, step + 6):
