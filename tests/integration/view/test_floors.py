@@ -1,5 +1,6 @@
 """The page of a building: floors as tabs, and what is drawn and said on each."""
 
+import math
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -41,9 +42,13 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
             stage.picture.on_truth(TruePose(sender="s", step=scan.step, pose=there, floor=floor))
             stage.picture.on_scan(scan)
             stage.picture.on_belief(belief)
-            stage.picture.on_pose(best_pose(belief))
+            pose = best_pose(belief)
+            stage.picture.on_pose(pose)
+        shown = pose.pose
+        assert shown is not None
+        assert math.dist(shown[:2], there[:2]) < 0.3
         shows(stage, lambda: page.run("return liveView.view.step?.step") == 139)
-        shows(stage, lambda: page.run(TABS) and page.text("x").startswith(f"{there[0]:.1f}"))
+        shows(stage, lambda: page.run(TABS) and page.text("x").startswith(f"{shown[0]:.2f}"))
         assert [tab[0].split()[0] for tab in page.run(TABS)] == ["ground", "first", "second"]
         tabs, best = page.run(TABS), belief.floor
         pressed = [
@@ -72,7 +77,7 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
     assert page.console() == []
     saved = Page(driver, f"{(tmp_path / 'run.html').as_uri()}#step=139")
     wait_until(lambda: saved.run(TABS) == tabs)
-    assert saved.text("x").startswith(f"{there[0]:.1f}")
+    assert saved.text("x").startswith(f"{shown[0]:.2f}")
     saved.run(f"document.querySelectorAll('#floors button')[{number}].click()")
     middle = saved.run("return [liveView.view.view.x, liveView.view.view.y]")
     assert floors.on_floor((*middle, 0.0))[0] == "ground"
