@@ -1,12 +1,12 @@
 """Compiles the library of kernels: a process of its own, because numba stays in a process.
 
 It calls every kernel as plain Python, so that the types of arguments are known, and then
-compiles them all ahead of time. Arguments: the file to write, and the processor if it is not this
-machine's, by LLVM's name.
+compiles them all ahead of time.
 """
 
+import argparse
+import platform
 import shutil
-import sys
 import tempfile
 from hashlib import sha256
 from pathlib import Path
@@ -57,6 +57,20 @@ def _run_every_kernel() -> None:
     run_kernels(SensorSettings(), MotionSettings(model="differential"))
 
 
+def _library_file(text: str) -> Path:
+    file = Path(text)
+    if file.suffix != ".so" or file.is_dir() or not file.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is no .so file in a folder that exists")
+    return file
+
+
 if __name__ == "__main__":
     die_with_parent_if_asked()
-    build(Path(sys.argv[1]), *(sys.argv[2:] or ["host"]))
+    about = "Compile the kernels ahead of time ('clustermcl warm-up' does so for this machine)."
+    parser = argparse.ArgumentParser("build_kernels", description=about, allow_abbrev=False)
+    parser.add_argument("file", type=_library_file, help="file to write, FOLDER/NAME.so")
+    known = ["host", *kernel_library.SHIPPED.get(platform.machine(), {})]
+    of_whom = "kind of processor (default: this machine's)"
+    parser.add_argument("processor", nargs="?", default="host", choices=known, help=of_whom)
+    given = parser.parse_args()
+    build(given.file, given.processor)

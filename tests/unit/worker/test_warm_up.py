@@ -1,6 +1,7 @@
 import logging
 import os
 import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.filter.kernels.folders import remarks
 from clustermcl.filter.settings import MotionSettings, SensorSettings
 from clustermcl.jobs.warm_up import compile_kernels, run_kernels
+from clustermcl.runtime.supervisor import python_module
 from tests.unit.programs import ran
 
 needs_compiler = pytest.mark.skipif(
@@ -98,3 +100,13 @@ def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
     assert not {*before} & {*after}, "else old machine code would run"
     monkeypatch.setattr(os, "access", lambda _file, _mode: False)
     assert kernel_library.path().parent == tmp_path / "clustermcl" / "kernels"
+
+
+@pytest.mark.parametrize("words", ["--help", "notes.txt", "none/a.so", "a.so pentium", ""])
+def test_the_compiler_of_kernels_writes_no_file_that_is_no_library(
+    words: str, tmp_path: Path
+) -> None:
+    command = [*python_module("clustermcl.jobs.build_kernels"), *words.split()]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "usage: build_kernels" in (done.stderr or done.stdout)
+    assert (done.returncode, list(tmp_path.iterdir())) == (0 if words == "--help" else 2, [])
