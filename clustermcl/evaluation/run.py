@@ -165,11 +165,7 @@ class Run:
 
 
 class RunError(ClusterMclError):
-    """A run failed, or its process was killed."""
-
-    def __init__(self, problem: str) -> None:
-        self.problem = problem
-        super().__init__(problem)
+    """The process of a run was killed."""
 
 
 def in_parallel(
@@ -183,8 +179,8 @@ def in_parallel(
         Index and result of each piece, in the order in which the calls return.
 
     Raises:
-        RunError: a call has raised a `ClusterMclError`, or its process was killed; the other
-            calls are ended.
+        RunError: the process of a call was killed. This, and any error that a call raises, ends
+            the other calls.
     """
     use_one_thread_for_arithmetic()  # one process a core is enough; spawned ones inherit it
     pool = ProcessPoolExecutor(
@@ -194,7 +190,7 @@ def in_parallel(
         (os.getpid(),),
     )
     try:
-        running = {pool.submit(_attempt, work, each): run for run, each in enumerate(pieces)}
+        running = {pool.submit(work, each): run for run, each in enumerate(pieces)}
         while running and not stop.is_set():
             for future in wait(running, _POLL_S, FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
@@ -204,13 +200,6 @@ def in_parallel(
         for child in multiprocessing.active_children():
             child.kill()
         pool.shutdown(cancel_futures=True)  # its thread has ended: at exit it would still write
-
-
-def _attempt(work: Callable[[T], R], piece: T) -> R:
-    try:
-        return work(piece)
-    except ClusterMclError as error:  # pickle cannot restore errors with keyword arguments
-        raise RunError(f"a run failed: {error}") from None
 
 
 def _prepare_process(parent_pid: int) -> None:

@@ -11,7 +11,11 @@ from clustermcl.protocol.causes import Named
 
 
 class ClusterMclError(Exception):
-    """Base class of all errors that a user can cause or fix."""
+    """Base class of all errors that a user can cause or fix; process pools can return them."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Restore the attributes without `__init__`, whose arguments pickle does not know."""
+        return _without_init, (type(self), *self.args), self.__dict__
 
 
 class InputFileError(ClusterMclError):
@@ -128,6 +132,10 @@ class AlreadyRunningError(ClusterMclError):
         if robot is not None:
             taken = f"robot {robot!r} already has {what} at {endpoint}: "
         super().__init__(taken + advice)
+
+
+def _without_init(kind: type[ClusterMclError], *args: object) -> ClusterMclError:
+    return kind.__new__(kind, *args)
 
 
 def printable(text: str, at_most: int = 200) -> str:

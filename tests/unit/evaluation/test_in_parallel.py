@@ -3,6 +3,7 @@ import multiprocessing
 import pytest
 
 from clustermcl.evaluation.run import RunError, in_parallel
+from clustermcl.protocol.errors import MapFileError
 from clustermcl.runtime.stop import StopFlag
 from tests.integration.waiting import wait_until
 from tests.unit.evaluation.work_pieces import work
@@ -15,8 +16,9 @@ def test_each_piece_is_done_once_and_signals_to_the_group_are_left_to_the_parent
 
 
 def test_an_error_of_a_piece_is_raised_and_ends_the_others() -> None:
-    with pytest.raises(RunError, match="a bad setting"):
+    with pytest.raises(MapFileError, match=r"^map\.yaml:7: a bad line$") as raised:
         list(in_parallel(work, ["refuse", "hang"], 2, StopFlag()))
+    assert (raised.value.path.name, raised.value.line) == ("map.yaml", 7)
     wait_until(lambda: not multiprocessing.active_children())  # a thread of the pool reaps, too
 
 

@@ -4,13 +4,13 @@ import os
 import signal
 import time
 
-from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.errors import MapFileError
 
 
 def work(piece: str) -> str:
     match piece:
         case "refuse":
-            raise SettingsError(key="x", problem="a bad setting")
+            raise MapFileError("map.yaml", "a bad line", line=7)
         case "die":
             os._exit(7)
         case "signalled":
