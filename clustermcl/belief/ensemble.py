@@ -27,7 +27,7 @@ from clustermcl.belief.particle_shares import (
     review_particles,
 )
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
-from clustermcl.belief.search_pool import Pool, pool_of
+from clustermcl.belief.search_pool import Pool, SearchPool, pool_of
 from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import new_share
@@ -187,9 +187,8 @@ class Ensemble(Part, kw_only=True):
         self.events += [*self.clusters.merge_overlaps(), *self.clusters.drop_improbable()]
         ledger.note("places merged or dropped")
         review_particles(self.clusters, self.settings, step)
-        if self.search.runs:
-            self._follow_search(step, reports)
-            ledger.note("found by the search")
+        self._follow_search(step, reports)
+        ledger.note("found by the search")
         self._follow_decoy(step, reports)
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()
@@ -304,14 +303,15 @@ class Ensemble(Part, kw_only=True):
         self.begin |= self.standing_jobs(step + 1)
 
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
-        fresh = self.search.on_reports(reports, self.clusters.job_ids)
-        if fresh is None:
+        search, fresh = self.search.pool, self.search.on_reports(reports, self.clusters.job_ids)
+        if search is None or fresh is None:
             return
-        is_over = self.search.finished(fresh, patient=self._is_patient)
+        most, rules = self.settings.belief.max_clusters, self.settings.search
+        is_over = search.finished(fresh, most, rules, patient=self._is_patient)
         if not len(self.clusters):
-            self._admit_first(fresh, step)
+            self._admit_first(search, fresh, step)
         else:
-            self._admit_candidates(fresh, step, is_over=is_over)
+            self._admit_candidates(search, fresh, step, is_over=is_over)
         if is_over:
             self.events += self.search.stop(step, "search over")
             self.founding &= self._is_elsewhere
@@ -322,7 +322,7 @@ class Ensemble(Part, kw_only=True):
         self.begin |= begin
         self.events += ended
 
-    def _admit_first(self, pool: Pool, step: int) -> None:
+    def _admit_first(self, search: SearchPool, pool: Pool, step: int) -> None:
         """Admit the most probable places (section 4), and the prior pose if there is one."""
         first = first_places(pool, self.settings.belief)
         if not first:
@@ -333,16 +333,18 @@ class Ensemble(Part, kw_only=True):
         self.prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         before = self.clusters.elsewhere
-        self.clusters.take_from_elsewhere(self.search.evidence.newly_explained(explained))
+        self.clusters.take_from_elsewhere(search.newly_explained(explained))
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
-    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
+    def _admit_candidates(
+        self, search: SearchPool, pool: Pool, step: int, *, is_over: bool
+    ) -> None:
         """Admit places that no cluster holds; their probability is taken from elsewhere.
 
         Once some places of the search are clusters, their probability is shared with later ones.
         """
-        first_step, evidence = self.search.first_step, self.search.evidence
-        then, settings = self.search.means_at(pool.step), self.settings
+        first_step, settings = search.first_step, self.settings
+        then = self.search.means[pool.step]
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
         log_held = log_weight_of_held(pool, own, settings.search)
@@ -361,12 +363,12 @@ class Ensemble(Part, kw_only=True):
             is_over=is_over,
             most=most,
         )
-        self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
+        self.clusters.take_from_elsewhere(search.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
         if log_held is not None:
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
-        self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)
+        self.clusters.keep_off_map(entering, search.log_elsewhere, search.log_off_map)
         self._admit(entering, step)
 
     def _ride(self, scan: Scan, hazard: float, *, in_cabin: bool) -> None:

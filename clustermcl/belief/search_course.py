@@ -5,13 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, ClassVar
 
 import numpy as np
-from msgspec import Meta, field
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief.cluster_set import Cluster
 from clustermcl.belief.explained import NO_PLACE, explains
-from clustermcl.belief.part import FEW, Count, LogProbability, Part
+from clustermcl.belief.part import FEW, Count, Part
 from clustermcl.belief.search_pool import Pool, SearchPool
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.job_events import Ended, EndedCause
@@ -33,22 +32,6 @@ KEPT_STEPS = 100
 """Largest number of steps by which a search may lag behind the clusters."""
 
 
-class SearchEvidence(Part):
-    """The belief when a search began, and the share of its places that are clusters."""
-
-    log_elsewhere: LogProbability = 0.0
-    """Log of the probability, when the search began, that the robot was elsewhere."""
-    log_off_map: LogProbability = -math.inf
-    """Log of the probability, when the search began, that the robot was not on the map."""
-    explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
-    """Share of the search's places that clusters hold or that were admitted."""
-
-    def newly_explained(self, share: float) -> float:
-        """Return the share of elsewhere that is newly `explained`, at most 1."""
-        before, self.explained = self.explained, max(share, self.explained)
-        return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
-
-
 class SearchCourse(Part):
     """The current search, if any, and where the clusters were at its steps."""
 
@@ -57,8 +40,6 @@ class SearchCourse(Part):
     mirrored: bool = False
     pool: SearchPool | None = None
     """The places that the current search has found; None: no search is running."""
-    evidence: SearchEvidence = field(default_factory=SearchEvidence)
-    """The belief when it began."""
     begun: Count = 0
     next_step: int = 0
     """The step after which the next search is due."""
@@ -112,7 +93,7 @@ class SearchCourse(Part):
         """
         kind, shards = "m" if self.mirrored else "s", range(self.settings.search.shards)
         job_ids = tuple(f"{kind}{self.begun}.{shard}" for shard in shards)
-        self.pool = SearchPool(job_ids, first_step)
+        self.pool = SearchPool(job_ids, first_step, log_elsewhere, log_off_map)
         jobs: dict[str, Job] = {
             job_id: SearchJob(
                 search=self.begun,
@@ -125,13 +106,12 @@ class SearchCourse(Part):
             for shard, job_id in enumerate(job_ids)
         }
         self.begun += 1
-        self.evidence = SearchEvidence(log_elsewhere, log_off_map)
         return jobs
 
     def stop(self, step: int, cause: EndedCause) -> list[Ended]:
         """End the search, if one is running; the next is due `search_every_steps` later."""
         ended = [Ended(job_id, cause) for job_id in self.job_ids]
-        self.pool, self.evidence = None, SearchEvidence()
+        self.pool = None
         self.next_step = step + self.settings.belief.search_every_steps
         return ended
 
@@ -139,10 +119,6 @@ class SearchCourse(Part):
         self.means[step] = {cluster.job_id: cluster.pose for cluster in clusters}
         while len(self.means) > KEPT_STEPS:
             del self.means[next(iter(self.means))]
-
-    def means_at(self, step: int) -> Mapping[str, PoseTuple]:
-        """Return the means of the clusters after a step, by job; empty for old steps."""
-        return self.means.get(step, {})
 
     def on_reports(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
         """Return the places that the search has found, if all shards have reported a new step.
@@ -162,13 +138,8 @@ class SearchCourse(Part):
         fresh = self.pool.pooled(self.settings.search)
         if fresh is None:
             return None
-        then = self.means_at(fresh.step)
+        then = self.means.get(fresh.step, {})
         return fresh if all(job_id in then for job_id in clusters) else None
-
-    def finished(self, pool: Pool, *, patient: bool) -> bool:
-        """Return `SearchPool.finished` for the maximum number of clusters."""
-        most, rules = self.settings.belief.max_clusters, self.settings.search
-        return self.pool is None or self.pool.finished(pool, most, rules, patient=patient)
 
 
 class Decoy(Part):

@@ -11,7 +11,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from clustermcl.belief.overlaps import merge_overlapping
-from clustermcl.belief.part import FEW, Part, Text
+from clustermcl.belief.part import FEW, LogProbability, Part, Text
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.settings import SearchSettings
 from clustermcl.protocol.arrays import ArrayBlob
@@ -91,6 +91,12 @@ class SearchPool(Part):
     job_ids: Annotated[tuple[Text, ...], FEW]
     first_step: NumberOrNone
     """The first step whose scan it uses."""
+    log_elsewhere: LogProbability = 0.0
+    """Log of the probability, when the search began, that the robot was elsewhere."""
+    log_off_map: LogProbability = -math.inf
+    """Log of the probability, when the search began, that the robot was not on the map."""
+    explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    """Share of its places that clusters hold or that were admitted."""
     progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
@@ -134,6 +140,11 @@ class SearchPool(Part):
         for known in [kept for kept in self.reports if kept <= step]:
             del self.reports[known]
         return _pool(step, [reports[job] for job in self.job_ids], rules)
+
+    def newly_explained(self, share: float) -> float:
+        """Return the share of elsewhere that is newly `explained`, at most 1."""
+        before, self.explained = self.explained, max(share, self.explained)
+        return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
 
     def finished(
         self, pool: Pool, clusters: int, rules: SearchSettings, *, patient: bool = True
