@@ -18,7 +18,7 @@ from clustermcl.filter.laser.evidence_model import (
     short_beam_gain,
     through_beam_loss,
 )
-from clustermcl.protocol.work import TrackReport
+from clustermcl.protocol.work import ElsewhereReport, TrackReport
 
 PERHAPS_LIFTED = 0.2
 """Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
@@ -33,14 +33,12 @@ MISSED = 0.25
 def weigh(
     held: ClusterSet,
     reports: Mapping[str, TrackReport],
-    log_likelihood_elsewhere: float = math.nan,
+    elsewhere: ElsewhereReport | None = None,
     *,
-    observed_elsewhere: float = 0.0,
     beams: NDArray[np.float64] | None = None,
     news: float = 1.0,
     unseen: float | None = None,
     decoy: float | None = None,
-    is_evidence: bool = True,
     ledger: Ledger | None = None,
 ) -> None:
     """Apply kidnapping and one Bayes update (eq. 12-17).
@@ -51,17 +49,13 @@ def weigh(
     Args:
         held: the clusters, which are changed.
         reports: reports by job id; reports of ended clusters are ignored.
-        log_likelihood_elsewhere: log of the scan's average likelihood over the whole map;
-            NaN: unknown.
-        observed_elsewhere: log average likelihood ratio of the step's observations over the
-            whole map.
+        elsewhere: how well the scan fits on average over the whole map; None: unknown.
         beams: (B,) how new the pieces are at which the beams end (`Pieces`); None: unknown.
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
         unseen: share of the scan whose pieces of wall are new, and so count for elsewhere where a
             pose was given; None: `news`.
         decoy: evidence of the new beams at places of the mirrored robot [nat]; None: unknown.
-        is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
         ledger: it records which part of the update changes which log odds.
     """
     ordered = [reports.get(job_id) for job_id in held.job_ids]
@@ -69,9 +63,6 @@ def weigh(
         return  # nothing but evidence moves probabilities
     ledger = ledger or Ledger(held)
     update = _Update(held, ordered, news, beams, ledger)
-    update.take_poses()
-    if not is_evidence:
-        return
     log_here, log_there, log_off = update.kidnapped()
     among = belief.normalised_logs(held.log_probabilities()[:-2])
     ledger.note_update("lifted or brought back", among, log_here, log_there, log_off)
@@ -86,19 +77,19 @@ def weigh(
         held.given = held.given.after(-misses, news)
     if held.on_map:
         odds = max(odds, 0.0)
-    if not math.isnan(log_likelihood_elsewhere):
-        fits_better = log_likelihood_elsewhere - log_scan
+    if elsewhere is not None and not math.isnan(elsewhere.log_likelihood):
+        fits_better = elsewhere.log_likelihood - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
         log_there += (news if unseen is None or not held.on_map else unseen) * (
             min(fits_better, 0.0) if misses < 0.0 else fits_better
         )
-    if held.may_be_lifted:
+    if held.fit.has_fallen and not held.on_map:
         log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
     ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)
     here[:-2] += odds
-    seen = update.observed(observed_elsewhere)
+    seen = update.observed(elsewhere.log_observed if elsewhere else 0.0)
     held.set_log_probabilities(belief.normalised_logs(here + seen))
     if seen.any():
         ledger.note("observations")
@@ -137,19 +128,6 @@ class _Update:
         found = {i: explains(r, self._beams) for i, r in enumerate(self._reports) if r}
         return {index: each for index, each in found.items() if each}
 
-    def take_poses(self) -> None:
-        """Take the poses of the reports; a report confirms a given pose."""
-        held = self._held
-        for cluster, report in zip(held.all(), self._reports, strict=True):
-            if report is not None:
-                held.clusters[cluster.cluster] = replace(
-                    cluster,
-                    pose=report.pose,
-                    covariance=report.covariance,
-                    effective_sample_size=report.effective_sample_size,
-                    confirmed=True,
-                )
-
     def among_clusters(self, among: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Update (K,) log probabilities among the clusters; also return the scan's likelihood."""
         evidence, rules = self._evidence, self._held.rules
@@ -181,7 +159,7 @@ class _Update:
         held, every, found = self._held, self._held.all(), self._explained
         for index, each in found.items():
             known = every[index].familiarity.after(self._new, each.fitting)
-            held.clusters[every[index].cluster] = replace(every[index], familiarity=known)
+            held.change(every[index], familiarity=known)
         best = held.best.cluster
         of_all = [(float(shares[i]), each, every[i].cluster == best) for i, each in found.items()]
         held.learned = held.learned.after(self._new, of_all)

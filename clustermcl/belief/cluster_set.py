@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSet
 from clustermcl.protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from clustermcl.protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
-from clustermcl.protocol.work import ParticleCount, Place
+from clustermcl.protocol.work import ParticleCount, Place, TrackReport
 
 ESTABLISHED = 15.0
 """New scans after which a given place that holds is right: beams that then pass through walls show
@@ -137,11 +137,6 @@ class ClusterSet(Part):
         """The place that explains most of what it has seen, however improbable."""
         return max(self.clusters.values(), key=lambda cluster: cluster.familiarity.share)
 
-    @property
-    def may_be_lifted(self) -> bool:
-        """Whether scans fit worse than usual at a place that was found, not given."""
-        return self.fit.has_fallen and not self.on_map
-
     def all(self) -> tuple[Cluster, ...]:
         """Return the clusters in the order in which they are summed."""
         return tuple(self.clusters.values())
@@ -150,15 +145,25 @@ class ClusterSet(Part):
     def job_ids(self) -> tuple[str, ...]:
         return tuple(cluster.job_id for cluster in self.clusters.values())
 
-    def set_particles(self, cluster: int, particles: int, first_step: int = -1) -> None:
-        """Set the number of particles of a cluster, to be drawn from `first_step` on."""
-        self.clusters[cluster] = replace(
-            self.clusters[cluster], particles=particles, particles_from=first_step
-        )
+    def change(self, cluster: Cluster, **fields: Any) -> None:
+        """Replace fields of a cluster."""
+        self.clusters[cluster.cluster] = replace(cluster, **fields)
 
     def by_probability(self) -> list[Cluster]:
         """Return the clusters, most probable first."""
         return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
+
+    def follow(self, reports: Mapping[str, TrackReport]) -> None:
+        """Move clusters to the poses of their reports; these confirm a given pose."""
+        for cluster in self.all():
+            if report := reports.get(cluster.job_id):
+                self.change(
+                    cluster,
+                    pose=report.pose,
+                    covariance=report.covariance,
+                    effective_sample_size=report.effective_sample_size,
+                    confirmed=True,
+                )
 
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
@@ -175,7 +180,7 @@ class ClusterSet(Part):
             if cluster.job_id in job_ids:
                 mean, known = np.array(cluster.pose), covariance_matrix(cluster.covariance)
                 covariance = composed_covariance(mean, known, before_from_after, noise)
-                self.clusters[cluster.cluster] = replace(
+                self.change(
                     cluster,
                     pose=pose_tuple(compose(mean, before_from_after)),
                     covariance=covariance_tuple(covariance),
@@ -192,7 +197,7 @@ class ClusterSet(Part):
         for index in np.unique(into):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
             total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])
-            self.clusters[first.cluster] = replace(first, log_probability=float(total))
+            self.change(first, log_probability=float(total))
             ended += self.end(rest, "merged", first)
         return ended
 
@@ -215,7 +220,7 @@ class ClusterSet(Part):
         for place, cause in candidates:
             self.clusters[self.next_cluster] = Cluster(
                 self.next_cluster,
-                math.log(place.share) if place.share > 0.0 else LEAST_LOG,
+                max(log_of(place.share), LEAST_LOG),
                 step,
                 place.pose,
                 place.covariance,
@@ -248,8 +253,7 @@ class ClusterSet(Part):
         weight = math.fsum(place.share for place, _ in candidates)
         kept = (held + explained) / (held + weight)
         for cluster in own:
-            less = replace(cluster, log_probability=cluster.log_probability + math.log(kept))
-            self.clusters[cluster.cluster] = less
+            self.change(cluster, log_probability=cluster.log_probability + math.log(kept))
         return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
     def room(self) -> list[float]:
@@ -281,7 +285,7 @@ class ClusterSet(Part):
         for number, gain in gains.items():
             cluster = self.clusters[number]
             moved = log_of(max(cluster.probability + gain, 0.0))
-            self.clusters[number] = replace(cluster, log_probability=max(moved, LEAST_LOG))
+            self.change(cluster, log_probability=max(moved, LEAST_LOG))
 
     def take_from_elsewhere(self, share: float) -> None:
         """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
@@ -348,8 +352,7 @@ class ClusterSet(Part):
     def set_log_probabilities(self, log_probabilities: NDArray[np.float64]) -> None:
         *clusters, self.log_elsewhere, self.log_off_map = log_probabilities.tolist()
         for cluster, value in zip(self.all(), clusters, strict=True):
-            finite = replace(cluster, log_probability=max(value, LEAST_LOG))
-            self.clusters[cluster.cluster] = finite
+            self.change(cluster, log_probability=max(value, LEAST_LOG))
 
 
 def log_of(probability: float) -> float:

@@ -6,16 +6,15 @@ step number, so it does not depend on when a message arrives.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
 from clustermcl.belief.bayes_update import OPEN, weigh
-from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
+from clustermcl.belief.cluster_set import Candidate, ClusterSet
 from clustermcl.belief.given_places import candidate, with_prior_pose
 from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
@@ -157,21 +156,11 @@ class Ensemble(Part, kw_only=True):
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
         ledger = Ledger(self.clusters)
         self.pieces = self.pieces.moved(self._motion(tracks, before_from_after))
-        beams, unseen = self._new_of_beams(elsewhere, in_cabin=in_cabin)
-        weigh(
-            self.clusters,
-            tracks,
-            elsewhere.log_likelihood if elsewhere else math.nan,
-            observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
-            beams=beams,
-            news=news,
-            unseen=unseen,
-            decoy=None
-            if beams is None
-            else self.decoy.explains(tracks, beams, self.clusters.piece_evidence),
-            is_evidence=not in_cabin,
-            ledger=ledger,
-        )
+        self.clusters.follow(tracks)
+        if in_cabin:
+            self.pieces = Pieces()  # another floor has others
+        else:
+            self._weigh(tracks, elsewhere, news, ledger)
         if scan is not None and scan.floors.links:
             self._ride(scan, news * self.settings.belief.link_probability, in_cabin=in_cabin)
             ledger.note("lifts and stairs")
@@ -255,19 +244,28 @@ class Ensemble(Part, kw_only=True):
             return before_from_after
         return between(np.array(best.pose), np.array(tracks[best.job_id].pose))
 
-    def _new_of_beams(
-        self, elsewhere: ElsewhereReport | None, *, in_cabin: bool
-    ) -> tuple[NDArray[np.float64] | None, float | None]:
-        """Return how new the piece of each beam is, and the share of pieces that is new.
-
-        None: unknown.
-        """
-        if in_cabin:
-            self.pieces = Pieces()  # another floor has others
-        if in_cabin or elsewhere is None or elsewhere.seen is None:
-            return None, None
-        beams, unseen, self.pieces = self.pieces.after(elsewhere.seen.array())
-        return beams, unseen if self.clusters.piece_evidence else None
+    def _weigh(
+        self,
+        tracks: Mapping[str, TrackReport],
+        elsewhere: ElsewhereReport | None,
+        news: float,
+        ledger: Ledger,
+    ) -> None:
+        beams, unseen, decoy, per_piece = None, None, None, self.clusters.piece_evidence
+        if elsewhere is not None and elsewhere.seen is not None:
+            beams, share, self.pieces = self.pieces.after(elsewhere.seen.array())
+            unseen = share if per_piece else None
+            decoy = self.decoy.explains(tracks, beams, per_piece)
+        weigh(
+            self.clusters,
+            tracks,
+            elsewhere,
+            beams=beams,
+            news=news,
+            unseen=unseen,
+            decoy=decoy,
+            ledger=ledger,
+        )
 
     # --- the search
 
@@ -411,20 +409,14 @@ class Ensemble(Part, kw_only=True):
     def _admit(self, candidates: Sequence[Candidate], step: int) -> None:
         if candidates and len(self.clusters):
             self.seen = ViewMemory.of_this_scan()  # further scans separate others, not these
-        admitted = self.clusters.admit(candidates, step)
-        self._track([place for place, _ in candidates], *admitted)
-
-    def _track(
-        self, places: Iterable[Place], clusters: Iterable[Cluster], events: Iterable[JobEvent]
-    ) -> None:
-        """Begin the jobs of new clusters, each with the sample of its place."""
-        for place, cluster in zip(places, clusters, strict=True):
+        admitted, events = self.clusters.admit(candidates, step)
+        self.events += events
+        for (place, _), cluster in zip(candidates, admitted, strict=True):
             particles = particles_of(cluster, self.clusters, self.settings)
-            self.clusters.set_particles(cluster.cluster, particles)
+            self.clusters.change(cluster, particles=particles)
             self.begin[cluster.job_id] = TrackJob(
                 cluster=cluster.cluster, start=place.sample, exact=False, particles=particles
             )
-        self.events += events
 
     # --- outcome
 
@@ -439,7 +431,6 @@ class Ensemble(Part, kw_only=True):
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
         self.begin = {}
-        resized = (c for c in self.clusters.all() if c.particles_from == step + SHARE_AFTER_STEPS)
         ordered = self.clusters.by_probability()
         tracked = tuple(hypothesis_of(c, step) for c in ordered)
         return Outcome(
@@ -453,8 +444,8 @@ class Ensemble(Part, kw_only=True):
             begin=begin,
             resize={
                 c.job_id: (c.particles, c.particles_from)
-                for c in resized
-                if c.particles is not None
+                for c in self.clusters.all()
+                if c.particles and c.particles_from == step + SHARE_AFTER_STEPS
             },
             events=events,
             search_progress=self.search.progress,

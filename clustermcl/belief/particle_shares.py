@@ -42,4 +42,5 @@ def review_particles(clusters: ClusterSet, settings: FilterSettings, step: int) 
     for cluster in clusters.all():
         particles = particles_of(cluster, clusters, settings)
         if particles != cluster.particles:
-            clusters.set_particles(cluster.cluster, particles, step + SHARE_AFTER_STEPS)
+            first_step = step + SHARE_AFTER_STEPS
+            clusters.change(cluster, particles=particles, particles_from=first_step)

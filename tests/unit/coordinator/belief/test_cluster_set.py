@@ -25,7 +25,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import TrackReport
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
-from tests.unit.coordinator.reports import literal_bayes, place, tracked
+from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 PLACES: tuple[PoseTuple, ...] = (NORTH, SOUTH, EAST)
@@ -68,13 +68,13 @@ def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> Non
 def test_before_the_first_place_the_robot_is_elsewhere() -> None:
     made = ClusterSet(literal_bayes(), SensorSettings())
     assert probabilities(made) == [1.0]
-    weigh(made, {}, -3.0)
+    weigh(made, {}, elsewhere(1, -3.0))
     assert probabilities(made) == [1.0]
 
 
 def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() -> None:
     made = first(0.6, 0.3)
-    weigh(made, reports_of(0.2, 0.1), math.log(0.05))
+    weigh(made, reports_of(0.2, 0.1), elsewhere(1, math.log(0.05)))
     after = [0.6 * 0.99 * 0.2, 0.3 * 0.99 * 0.1, (0.1 * 0.99 + 0.01) * 0.05]
     assert probabilities(made) == pytest.approx([p / math.fsum(after) for p in after])
 
@@ -82,14 +82,14 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
 def test_the_belief_of_a_standing_robot_does_not_change() -> None:
     made = first(0.6, 0.3, piece_evidence=0.7)
     for _ in range(1000):
-        weigh(made, reports_of(0.9, 0.1), 5.0, beams=np.zeros(0), news=0.0)
+        weigh(made, reports_of(0.9, 0.1), elsewhere(1, 5.0), beams=np.zeros(0), news=0.0)
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
 def test_the_probability_of_a_kidnapping_scales_with_the_new_share_of_a_view() -> None:
     made = first(0.6, 0.4)
     half = 0.5
-    weigh(made, reports_of(0.1, 0.1), math.log(0.1), news=half)
+    weigh(made, reports_of(0.1, 0.1), elsewhere(1, math.log(0.1)), news=half)
     there = 1.0 - 0.005
     assert probabilities(made) == pytest.approx([there * 0.6, there * 0.4, 0.005])
 
@@ -105,8 +105,8 @@ def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     both, one = (first(0.6, 0.3) for _ in range(2))
     reports = reports_of(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
-    weigh(both, reports, -3.0)
-    weigh(one, reports_of(0.2, 0.1, fit=-1.0), -3.0)
+    weigh(both, reports, elsewhere(1, -3.0))
+    weigh(one, reports_of(0.2, 0.1, fit=-1.0), elsewhere(1, -3.0))
     assert probabilities(both) == probabilities(one)
 
 
@@ -201,7 +201,7 @@ def test_a_scan_whose_beams_are_unknown_separates_no_places(
 ) -> None:
     """The report of elsewhere was lost, or is of another scan."""
     made = first(0.6, 0.4, piece_evidence=2.0, kidnapping_probability=1e-9)
-    weigh(made, with_fits(FITS), -1.0, beams=beams)
+    weigh(made, with_fits(FITS), elsewhere(1, -1.0), beams=beams)
     assert probabilities(made) == pytest.approx([0.6, 0.4, 0.0], abs=1e-6)
 
 
@@ -224,7 +224,7 @@ def test_an_improbable_place_does_not_change_the_ratio_of_two_places() -> None:
 
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     made = first(0.8, kidnapping_probability=1e-9)
-    weigh(made, reports_of(0.5), math.log(0.1), news=0.5)
+    weigh(made, reports_of(0.5), elsewhere(1, math.log(0.1)), news=0.5)
     assert math.log(made.elsewhere / probabilities(made)[0]) == pytest.approx(
         math.log(0.2 / 0.8) + 0.5 * math.log(0.2)
     )
@@ -236,7 +236,7 @@ def test_a_better_fit_elsewhere_counts_only_if_beams_pass_through_walls_here(
 ) -> None:
     """People stand before the laser, and the other beams fit."""
     made = first(0.9, piece_evidence=2.0, kidnapping_probability=1e-9)
-    weigh(made, with_fits({"c0": fits}, 0.5), math.log(5.0), beams=NEW)
+    weigh(made, with_fits({"c0": fits}, 0.5), elsewhere(1, math.log(5.0)), beams=NEW)
     assert made.elsewhere / probabilities(made)[0] == pytest.approx(gain / 9.0)
 
 
@@ -258,7 +258,7 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     lifted = [1.0] * 6 + [-1.0] * 4 + [0.0] * 50
     for fits, likelihood in [(at_people, 1.0)] * 40 + [(lifted, math.exp(-26.0))] * 2:
         report = tracked("c0", 1, likelihood, NORTH, fits=fits)
-        weigh(made, {"c0": report}, -17.0, beams=np.zeros(60), news=0.9)
+        weigh(made, {"c0": report}, elsewhere(1, -17.0), beams=np.zeros(60), news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
 
 
@@ -271,7 +271,7 @@ def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
     made.take_from_elsewhere(1.0)
     made.admit([], 1)
     assert probabilities(made) == pytest.approx([5 / 7, 2 / 7, 0.0])
-    weigh(made, reports_of(0.1, 0.1), math.nan)
+    weigh(made, reports_of(0.1, 0.1), elsewhere(1, math.nan))
     assert made.elsewhere == pytest.approx(0.01), "until the robot may have been lifted"
 
 
@@ -348,7 +348,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             case "weigh":
                 values_by_job = dict(zip(made.job_ids, values, strict=False))
                 reports = {job: tracked(job, step, v, NORTH) for job, v in values_by_job.items()}
-                weigh(made, reports, math.log(value) if hazard > 0.0 else math.nan)
+                weigh(made, reports, elsewhere(step, math.log(value)) if hazard > 0.0 else None)
             case "admit":
                 made.take_from_elsewhere(value)
                 made.admit([(place(v, SOUTH, step), "restart") for v in values], step)
