@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
 from clustermcl.belief.bayes_update import OPEN, weigh
 from clustermcl.belief.cluster_set import Candidate, ClusterSet
-from clustermcl.belief.given_places import candidate, with_prior_pose
+from clustermcl.belief.given_places import with_prior_pose
 from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
@@ -33,7 +33,6 @@ from clustermcl.filter.cluster.cluster_filter import new_share
 from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import between
-from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.job_events import Ended, EndedCause, JobEvent
@@ -125,7 +124,6 @@ class Ensemble(Part, kw_only=True):
         step: int,
         reports: Sequence[Report],
         before_from_after: Pose | None = None,
-        own_robot_found: bool = False,
         scan: Scan | None = None,
     ) -> Outcome:
         """Apply one step.
@@ -136,8 +134,8 @@ class Ensemble(Part, kw_only=True):
                 belong to an earlier step.
             before_from_after: (3,) motion of the robot since the step before, by odometry; moves
                 clusters without a report. None: unknown.
-            own_robot_found: see `Scan.own_robot_found`.
-            scan: the step's scan, for the links of a building; None: there are none.
+            scan: the step's scan, for the links of a building and `Scan.own_robot_found`; None:
+                there are none.
         """
         was_lost, had_fallen = self._lost, self._fit_has_fallen
         was_elsewhere = self._is_elsewhere or not len(self.clusters)
@@ -162,10 +160,12 @@ class Ensemble(Part, kw_only=True):
         else:
             self._weigh(tracks, elsewhere, news, ledger)
         if scan is not None and scan.floors.links:
-            self._ride(scan, news * self.settings.belief.link_probability, in_cabin=in_cabin)
+            if entering := ride(self.clusters, scan, news, self.settings, in_cabin=in_cabin):
+                self._admit(entering, step)
             ledger.note("lifts and stairs")
         best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
-        if own_robot_found and best < self.settings.belief.localized_probability:
+        is_sure = best >= self.settings.belief.localized_probability
+        if scan is not None and scan.own_robot_found and not is_sure:
             return self.relocalize(step, "own robot found")
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
@@ -368,32 +368,6 @@ class Ensemble(Part, kw_only=True):
             entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, search.log_elsewhere, search.log_off_map)
         self._admit(entering, step)
-
-    def _ride(self, scan: Scan, hazard: float, *, in_cabin: bool) -> None:
-        """Admit places at the other ends of links that the robot may have taken."""
-        settings, step = self.settings, scan.step
-        if not settings.belief.link_probability:
-            return
-        ends = ride(self.clusters, scan, hazard, settings.search, in_cabin=in_cabin)
-        room = self.clusters.room()
-        entering: list[Candidate] = []
-        for (cluster, end, share), leaving in zip(ends, room, strict=False):
-            if share <= max(leaving, settings.belief.least_probability):
-                break
-            place = candidate(
-                share,
-                end,
-                cluster.covariance,
-                seed=settings.seed,
-                purpose=Purpose.RIDE,
-                entity=self.clusters.next_cluster + len(entering),
-                step=step,
-                odom_from_robot=scan.odom_from_robot,
-            )
-            self.clusters.move({cluster.cluster: -share})
-            entering.append((place, "ride"))
-        if entering:
-            self._admit(entering, step)
 
     def _admit_observed(self, pool: Pool) -> None:
         """Admit places that an observation allows; they share the probability of elsewhere."""

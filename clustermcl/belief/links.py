@@ -5,9 +5,11 @@ A scan in a lift whose doors are closed shows the cabin only, which is the same 
 
 import numpy as np
 
-from clustermcl.belief.cluster_set import Cluster, ClusterSet
+from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
+from clustermcl.belief.given_places import candidate
 from clustermcl.belief.overlaps import is_near
-from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.random_streams import Purpose
+from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, Scan
 
@@ -39,34 +41,53 @@ def _returned(laser: Scan | LaserBeams) -> np.ndarray:
 
 
 def ride(
-    held: ClusterSet, scan: Scan, hazard: float, rules: SearchSettings, *, in_cabin: bool
-) -> list[tuple[Cluster, PoseTuple, float]]:
-    """Move probability to the other ends of links, where places are tracked.
+    held: ClusterSet, scan: Scan, news: float, settings: FilterSettings, *, in_cabin: bool
+) -> list[Candidate]:
+    """Move probability to the other ends of links, which the robot may have taken.
 
     Args:
         held: the clusters, which are changed.
         scan: the step's scan, with the links.
-        hazard: probability that the robot has changed its floor since the last scan.
-        rules: distances within which a cluster is at the end of a ride.
+        news: share of the scan that is new.
+        settings: probability of a ride, and distances within which a cluster is at its end.
         in_cabin: all floors of the link are equally probable.
 
     Returns:
-        The ends where no place is tracked: the cluster, the pose there, and its probability, which
-        the cluster still has. The most probable first.
+        Places at the ends where none is tracked, the most probable first.
     """
-    gains, entering = dict[int, float](), list[tuple[Cluster, PoseTuple, float]]()
+    rules, search = settings.belief, settings.search
+    if rules.link_probability == 0.0:
+        return []
+    gains, ends = dict[int, float](), list[tuple[Cluster, PoseTuple, float]]()
     for cluster in held.all():
-        ends = scan.floors.rides(cluster.pose)
-        leaves = len(ends) / (len(ends) + 1.0) if in_cabin else hazard
-        for end in ends:
-            share = cluster.probability * leaves / len(ends)
+        others = scan.floors.rides(cluster.pose)
+        leaves = len(others) / (len(others) + 1.0) if in_cabin else news * rules.link_probability
+        for end in others:
+            share = cluster.probability * leaves / len(others)
             means = [other.pose for other in held.all()]
-            near = is_near(means, [end], rules.source_radius_m, rules.source_heading_rad)
+            near = is_near(means, [end], search.source_radius_m, search.source_heading_rad)
             if not near.any():
-                entering.append((cluster, end, share))
+                ends.append((cluster, end, share))
                 continue
             there = held.all()[int(near.argmax())]
             for number, gain in ((cluster.cluster, -share), (there.cluster, share)):
                 gains[number] = gains.get(number, 0.0) + gain
     held.move(gains)
-    return sorted(entering, key=lambda each: -each[2])
+    ends.sort(key=lambda each: -each[2])
+    entering: list[Candidate] = []
+    for (cluster, end, share), leaving in zip(ends, held.room(), strict=False):
+        if share <= max(leaving, rules.least_probability):
+            break
+        place = candidate(
+            share,
+            end,
+            cluster.covariance,
+            seed=settings.seed,
+            purpose=Purpose.RIDE,
+            entity=held.next_cluster + len(entering),
+            step=scan.step,
+            odom_from_robot=scan.odom_from_robot,
+        )
+        held.move({cluster.cluster: -share})
+        entering.append((place, "ride"))
+    return entering

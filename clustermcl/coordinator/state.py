@@ -184,7 +184,7 @@ class CoordinatorState(Part):
         weighing = self.ensemble.clusters.job_ids or expected
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
-        outcome = self.ensemble.advance(scan.step, ready.reports, moved, scan.own_robot_found, scan)
+        outcome = self.ensemble.advance(scan.step, ready.reports, moved, scan)
         patient = self.overload.is_overloaded
         self.placement.on_step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.placement.jobs.step_applied(scan.step)

@@ -52,7 +52,7 @@ class InProcess:
         before, self.applied = self.applied, scan
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
-        outcome = self.ensemble.advance(scan.step, self.reports, moved, scan.own_robot_found, scan)
+        outcome = self.ensemble.advance(scan.step, self.reports, moved, scan)
         self.carry_out(outcome)
         return outcome
 

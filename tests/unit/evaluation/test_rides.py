@@ -10,7 +10,7 @@ from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.evaluation.run import Case, EstimatedStep, Run, SimulatedRobot
 from clustermcl.filter.random_streams import Purpose
-from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
@@ -62,19 +62,20 @@ def test_a_closed_cabin_is_seen_where_there_is_one(
 
 def test_the_other_ends_get_the_hazard_and_probability_is_kept() -> None:
     held = held_at(on("ground"), on("first"), on("second", IN_CORRIDOR))
-    ends = ride(held, scan(1.0), 0.1, SearchSettings(), in_cabin=False)
-    assert [(FLOORS.on_floor(end)[0], share) for _, end, share in ends] == [
+    settings = FilterSettings(belief=BeliefSettings(link_probability=0.2))
+    ends = [place for place, _ in ride(held, scan(1.0), 0.5, settings, in_cabin=False)]
+    assert [(FLOORS.on_floor(end.pose)[0], end.share) for end in ends] == [
         ("second", pytest.approx(1 / 60)), ("second", pytest.approx(1 / 60))
     ]  # fmt: skip
-    assert [each.probability for each in held.all()] == pytest.approx([1 / 3] * 3)
-    (_, end, _), *_ = ends
-    assert FLOORS.on_floor(end)[1] == pytest.approx(IN_LIFT)
+    left = [1 / 3 - 1 / 60, 1 / 3 - 1 / 60, 1 / 3]
+    assert [each.probability for each in held.all()] == pytest.approx(left)
+    assert FLOORS.on_floor(ends[0].pose)[1] == pytest.approx(IN_LIFT)
 
 
 def test_behind_closed_doors_all_floors_are_equally_probable() -> None:
     held = held_at(on("ground"), on("first"), on("second"))
     held.move({0: 0.6, 1: -0.3, 2: -0.3})
-    assert ride(held, scan(1.0), 0.02, SearchSettings(), in_cabin=True) == []
+    assert ride(held, scan(1.0), 1.0, FilterSettings(), in_cabin=True) == []
     assert [each.probability for each in held.all()] == pytest.approx([1 / 3] * 3)
 
 
