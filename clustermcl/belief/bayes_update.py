@@ -96,15 +96,7 @@ def weigh(
 
 
 class _Update:
-    """The parts of one update.
-
-    Args:
-        held: the clusters.
-        reports: of each cluster; None: it has not reported.
-        news: see `weigh`.
-        beams: see `weigh`.
-        ledger: see `weigh`.
-    """
+    """The parts of one update; None: a cluster has not reported."""
 
     def __init__(
         self,
@@ -125,8 +117,8 @@ class _Update:
     @cached_property
     def _explained(self) -> dict[int, Explained]:
         """What each place explains of the new beams; see `explains`."""
-        found = {i: explains(r, self._beams) for i, r in enumerate(self._reports) if r}
-        return {index: each for index, each in found.items() if each}
+        reports = enumerate(self._reports)
+        return {i: found for i, r in reports if r and (found := explains(r, self._beams))}
 
     def among_clusters(self, among: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Update (K,) log probabilities among the clusters; also return the scan's likelihood."""
@@ -241,12 +233,11 @@ class _Update:
         if hazard == 0.0:
             return log_here, held.log_elsewhere, held.log_off_map
         off = 0.0 if held.on_map else held.rules.off_map_probability
-        back = hazard
         lifted = log_here + log_of(hazard)
         log_there = np.logaddexp.reduce(
-            [held.log_elsewhere, lifted + log_of(1.0 - off), held.log_off_map + log_of(back)]
+            [held.log_elsewhere, lifted + log_of(1.0 - off), held.log_off_map + log_of(hazard)]
         )
-        log_off = np.logaddexp(held.log_off_map + log_of(1.0 - back), lifted + log_of(off))
+        log_off = np.logaddexp(held.log_off_map + log_of(1.0 - hazard), lifted + log_of(off))
         return log_here + math.log1p(-hazard), float(log_there), float(log_off)
 
 

@@ -181,10 +181,7 @@ class Ensemble(Part, kw_only=True):
         self._follow_decoy(step, reports)
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()
-        given = self.clusters.given
         self._look_elsewhere(step, had_fallen=had_fallen, was_elsewhere=was_elsewhere)
-        if given is not self.clusters.given:
-            ledger.note("given pose fails")
         return self.outcome(step, missing, ledger)
 
     def set_pose(self, given: Place) -> Outcome:
@@ -281,16 +278,13 @@ class Ensemble(Part, kw_only=True):
     def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
         given, fell = self.clusters.given, self._fit_has_fallen and not had_fallen
-        fails = given is not None and (given.is_doubted or fell or self._lost)
-        if given is not None and not fails:
+        if given is not None and not (given.is_doubted or fell or self._lost):
             return
-        if fails:
-            self.clusters.given = None
+        self.clusters.given = None
         lifted = self._is_elsewhere and not was_elsewhere and not self.founding
-        if fails or lifted or fell:
+        is_due = not self.search.runs and self.search.is_due(step, self._patience)
+        if given is not None or lifted or fell or is_due:
             self.events += self.search.stop(step, "search stopped")
-            self._start_search(step + 1)
-        elif not self.search.runs and self.search.is_due(step, self._patience):
             self._start_search(step + 1)
 
     def _forget(self, step: int, cause: EndedCause) -> None:

@@ -46,7 +46,7 @@ class Familiarity(msgspec.Struct, frozen=True):
         At the right place the share q of the pieces fits, at a wrong one about a half. Of two
         places, the one where one more piece fits is therefore more probable by the log odds of q.
         """
-        share = min(max(self.share, 0.5), BEST)
+        share = min(max(self.share, OTHERS), BEST)
         return CORRELATED * math.log(share / (1.0 - share))
 
     def after(self, new: float, explained: float) -> "Familiarity":

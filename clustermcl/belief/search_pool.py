@@ -126,7 +126,7 @@ class SearchPool(Part):
         return any(self.reached[job_id] > step for job_id in absent)
 
     def pooled(self, rules: SearchSettings) -> Pool | None:
-        """Return the pool of the newest step that every shard has reported.
+        """Return the pool of the newest step that every shard has reported, weighed by evidence.
 
         Each step is pooled once, because pooling thousands of places takes longer than a step.
 
@@ -136,10 +136,13 @@ class SearchPool(Part):
         if not (complete := self._complete()):
             return None
         step = max(complete)
-        reports = self.reports[step]
+        reports = [self.reports[step][job_id] for job_id in self.job_ids]
         for known in [kept for kept in self.reports if kept <= step]:
             del self.reports[known]
-        return _pool(step, [reports[job] for job in self.job_ids], rules)
+        shards = np.array([report.log_evidence for report in reports])
+        weights = np.exp(shards - np.logaddexp.reduce(shards))
+        gaps = [r.left_out_gap for r, w in zip(reports, weights, strict=True) if w > _NO_WEIGHT]
+        return pool_of(step, [report.places for report in reports], weights, rules, min(gaps))
 
     def newly_explained(self, share: float) -> float:
         """Return the share of elsewhere that is newly `explained`, at most 1."""
@@ -168,16 +171,6 @@ class SearchPool(Part):
         near = max(min(held, 1.0 - math.exp(-pool.left_out_gap)) / mass, steps / most_steps)
         self.progress = min(near, 1.0)
         return near >= 1.0
-
-
-def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
-    """Weigh the shards by their evidence, and join places that several shards found."""
-    shards = np.array([report.log_evidence for report in reports])
-    log_sum = np.logaddexp.reduce(shards)
-    shard_weight = np.exp(shards - log_sum)
-    gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
-    found = [report.places for report in reports]
-    return pool_of(step, found, shard_weight, settings, min(gaps))
 
 
 def pool_of(

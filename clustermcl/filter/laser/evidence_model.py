@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from clustermcl.filter.laser.likelihood_field import peak
 from clustermcl.filter.settings import SensorSettings
 
 VIEW_M, VIEW_RAD = 0.8, 1.6
@@ -67,8 +68,7 @@ def short_beam_gain(rate: float, settings: SensorSettings) -> float:
 
 
 def _log_hit(settings: SensorSettings) -> float:
-    peak = settings.hit_weight / (math.sqrt(2.0 * math.pi) * settings.hit_sigma_m)
-    return math.log(peak + settings.random_weight / settings.max_range_m)
+    return math.log(peak(settings) + settings.random_weight / settings.max_range_m)
 
 
 def _log_unexplained(settings: SensorSettings) -> float:

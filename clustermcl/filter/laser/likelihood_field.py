@@ -32,7 +32,7 @@ def _log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> LogFiel
     else:
         distance_m = np.full(cells.shape, most_m)
     likelihood = np.exp(-0.5 * (distance_m / np.float32(settings.hit_sigma_m)) ** 2)
-    likelihood *= np.float32(_peak(settings))
+    likelihood *= np.float32(peak(settings))
     likelihood += np.float32(settings.random_weight / settings.max_range_m)
     return np.asarray(np.log(likelihood), np.float32)
 
@@ -126,14 +126,14 @@ def scan_log_likelihood(
 
 def code_scale(settings: SensorSettings) -> tuple[float, float]:
     """Return the log-likelihood of code 0 and the step, so that the maximum has code 65,535."""
-    log_random, log_peak = log(settings.random_weight / settings.max_range_m), log(_peak(settings))
+    log_random, log_peak = log(settings.random_weight / settings.max_range_m), log(peak(settings))
     deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m
     log_floor = float(np.logaddexp(log_random, log_peak - 0.5 * deviations**2))
     span = float(np.logaddexp(log_random, log_peak)) - log_floor
     return log_floor, max(span, 1e-9) / _MAX_CODE  # a field of one value has codes too
 
 
-def _peak(settings: SensorSettings) -> float:
+def peak(settings: SensorSettings) -> float:
     """Return the density of a hit exactly on an obstacle [1/m]."""
     return settings.hit_weight / (sqrt(2.0 * pi) * settings.hit_sigma_m)
 
