@@ -6,11 +6,12 @@ repeat in each of them.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from clustermcl.belief.cluster_set import ClusterSet
 from clustermcl.belief.overlaps import is_near
 from clustermcl.belief.search_pool import Pool
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
@@ -39,18 +40,18 @@ class Admission:
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
     """Share of the search's probability in places that clusters hold or that enter."""
+    is_shared: bool
+    """Whether they share the probability of clusters that are places of the same search."""
 
 
 def admission(
     pool: Pool,
-    held: Sequence[PoseTuple],
-    room: Sequence[float],
-    log_weight: float,
+    clusters: ClusterSet,
+    then: Mapping[str, PoseTuple],
+    first_step: int,
     settings: FilterSettings,
     *,
     is_over: bool,
-    holds_own: bool = False,
-    most: float = math.inf,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
 
@@ -60,25 +61,29 @@ def admission(
 
     Args:
         pool: the places of the search.
-        held: where the clusters were at the step of the pool.
-        room: probabilities of the clusters that may be replaced, least first; 0 is a free place.
-        log_weight: log weight of all places of the search together, relative to the belief.
+        clusters: those that began at `first_step` or later are places of this search; they give
+            it its weight.
+        then: where they were at the step of the pool, by job.
+        first_step: first step of the search.
         settings: distances at which places count as one.
         is_over: the search takes no further scans.
-        holds_own: some clusters are places of this search; they give the search its weight.
-        most: largest probability of all new clusters together, used to decide which clusters they
-            may replace.
     """
     rules, search = settings.belief, settings.search
-    reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
-    reach_rad = search.source_heading_rad if holds_own else rules.merge_heading_rad
+    held = [then[job_id] for job_id in clusters.job_ids]
+    own = [(then[c.job_id], c.probability) for c in clusters.all() if c.born_step >= first_step]
+    log_weight, most = clusters.log_elsewhere, math.inf
+    log_held = log_weight_of_held(pool, own, search)
+    if log_held is not None:
+        log_weight = log_held
+        most = clusters.elsewhere + math.fsum(probability for _, probability in own)
+    reach_m = search.source_radius_m if own else rules.merge_distance_m
+    reach_rad = search.source_heading_rad if own else rules.merge_heading_rad
     is_held = is_near(pool.mean, held, reach_m, reach_rad)
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
     is_tracked = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
     earned = math.exp(min(log_weight, MOST_LOG))
-    has_trial = is_over and not holds_own
-    on_trial = max(earned, rules.candidate_probability) if has_trial else earned
+    on_trial = max(earned, rules.candidate_probability) if is_over and not own else earned
     weight = share * np.where(is_tracked, earned, on_trial)
     enough = (share > 0.0) & (weight >= rules.least_probability)
     eligible = np.flatnonzero(~is_held & enough)
@@ -87,12 +92,12 @@ def admission(
     got = min(1.0, most / total) if total > 0.0 else 1.0
     entering = [
         index
-        for index, leaving in zip(eligible.tolist(), room, strict=False)
+        for index, leaving in zip(eligible.tolist(), clusters.room(), strict=False)
         if weight[index] * got > leaving
     ]
     explained += math.fsum(pool.share[index] for index in entering)
     weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
-    return Admission(weighed, min(explained, 1.0))
+    return Admission(weighed, min(explained, 1.0), log_held is not None)
 
 
 def log_weight_of_held(

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.belief.admission import admission, first_places, log_weight_of_held
+from clustermcl.belief.admission import admission, first_places
 from clustermcl.belief.bayes_update import OPEN, weigh
 from clustermcl.belief.cluster_set import Candidate, ClusterSet
 from clustermcl.belief.given_places import with_prior_pose
@@ -335,29 +335,12 @@ class Ensemble(Part, kw_only=True):
 
         Once some places of the search are clusters, their probability is shared with later ones.
         """
-        first_step, settings = search.first_step, self.settings
-        then = self.search.means[pool.step]
-        clusters = self.clusters.all()
-        own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
-        log_held = log_weight_of_held(pool, own, settings.search)
-        log_weight = self.clusters.log_elsewhere if log_held is None else log_held
-        held = [then[cluster.job_id] for cluster in clusters]
-        room = self.clusters.room()
+        then, first_step, settings = self.search.means[pool.step], search.first_step, self.settings
+        found = admission(pool, self.clusters, then, first_step, settings, is_over=is_over)
         before = self.clusters.elsewhere
-        most = math.inf if log_held is None else before + math.fsum(share for _, share in own)
-        found = admission(
-            pool,
-            held,
-            room,
-            log_weight,
-            settings,
-            holds_own=bool(own),
-            is_over=is_over,
-            most=most,
-        )
         self.clusters.take_from_elsewhere(search.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
-        if log_held is not None:
+        if found.is_shared:
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, search.log_elsewhere, search.log_off_map)
@@ -365,10 +348,8 @@ class Ensemble(Part, kw_only=True):
 
     def _admit_observed(self, pool: Pool) -> None:
         """Admit places that an observation allows; they share the probability of elsewhere."""
-        step, log_weight = pool.step, self.clusters.log_elsewhere
-        held = [cluster.pose for cluster in self.clusters.all()]
-        room = self.clusters.room()
-        found = admission(pool, held, room, log_weight, self.settings, is_over=False)
+        step, now = pool.step, {cluster.job_id: cluster.pose for cluster in self.clusters.all()}
+        found = admission(pool, self.clusters, now, step + 1, self.settings, is_over=False)
         if found.entering:
             self.clusters.take_from_elsewhere(found.explained)
             entering: list[Candidate] = [(place, "observed") for place in found.entering]

@@ -11,6 +11,7 @@ from clustermcl.belief.admission import (
     first_places,
     log_weight_of_held,
 )
+from clustermcl.belief.cluster_set import Cluster, ClusterSet
 from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.search_pool import Pool
 from clustermcl.filter.random_streams import Purpose
@@ -40,21 +41,43 @@ def pool(*found: tuple[float, PoseTuple]) -> Pool:
     return pool_of(*found, step=7)
 
 
-def own(found: Pool, log_weight: float, *, is_over: bool = False) -> Admission:
-    """Of the search that found the clusters."""
-    return admission(found, HELD, (0.0,) * 4, log_weight, SETTINGS, is_over=is_over, holds_own=True)
+def admitted(
+    found: Pool,
+    log_weight: float,
+    room: tuple[float, ...] = (0.0, 0.0, 0.0, 1e-9),
+    *,
+    first_step: int = 2,
+    is_over: bool = False,
+    **belief: object,
+) -> Admission:
+    """Next to a cluster at `HELD`, which began at step 1, and older ones far away."""
+    rules = replace(SETTINGS.belief, max_clusters=len(room), **belief)
+    clusters = ClusterSet(rules, log_elsewhere=log_weight, log_off_map=-math.inf)
+    then = {}
+    for number, probability in enumerate(probability for probability in room if probability > 0.0):
+        pose = (-100.0 * number, 0.0, 0.0)
+        born, spread = 1 if number == 0 else 0, covariance_tuple(np.eye(3))
+        cluster = Cluster(number, math.log(probability), born, pose, spread)
+        clusters.clusters[number], then[cluster.job_id] = cluster, pose
+    settings = replace(SETTINGS, belief=rules)
+    return admission(found, clusters, then, first_step, settings, is_over=is_over)
+
+
+def own(found: Pool, probability: float, *, is_over: bool = False) -> Admission:
+    """Of the search that found the cluster of this probability; elsewhere is impossible."""
+    room = (0.0, 0.0, 0.0, probability)
+    return admitted(found, NO_EVIDENCE, room, first_step=1, is_over=is_over)
 
 
 def entered(
     found: Pool,
     log_weight: float,
-    room: tuple[float, ...] = (0.0,) * 4,
+    room: tuple[float, ...] = (0.0, 0.0, 0.0, 1e-9),
     *,
     is_over: bool = False,
     **belief: object,
 ) -> dict[PoseTuple, float]:
-    rules = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
-    fresh = admission(found, HELD, room, log_weight, rules, is_over=is_over).entering
+    fresh = admitted(found, log_weight, room, is_over=is_over, **belief).entering
     return {place.pose: place.share for place in fresh}
 
 
@@ -63,14 +86,14 @@ def entered(
 
 def test_places_with_almost_no_share_replace_no_cluster() -> None:
     """However they weigh beside clusters that a search has brought and that are nothing now."""
-    found, room = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST)), (0.0, 1e-18, 0.9995)
-    for log_weight, most, come in (
-        (50.0, math.inf, 3), (50.0, 3e-4, 2), (50.0, 1e-20, 1), (-1.0, 1e-20, 1),
+    room = (0.0, 1e-18, 0.9995)
+    for log_weight, elsewhere, come in (
+        (50.0, 1e9, 3), (50.0, 3e-4, 2), (50.0, 1e-20, 1), (-1.0, 1e-20, 1),
     ):  # fmt: skip
-        came = admission(
-            found, HELD, room, log_weight, SETTINGS, is_over=False, holds_own=True, most=most
-        )
-        assert len(came.entering) == come
+        held = (1e-18 / math.exp(log_weight), HELD[0])
+        found = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST), held)
+        came = admitted(found, math.log(elsewhere), room, first_step=1)
+        assert (len(came.entering), came.is_shared) == (come, True)
 
 
 def test_the_weight_of_a_place_is_its_share_of_the_search() -> None:
@@ -96,18 +119,18 @@ def test_places_of_a_finished_search_have_at_least_the_configured_probability() 
 
 def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability() -> None:
     found = pool((0.5, FAR), (0.4, HELD[0]))
-    for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
-        admitted = own(found, log_weight, is_over=True)
-        assert [place.share for place in admitted.entering] == pytest.approx(came)
+    for weight, came in ((0.01, [0.005]), (1e-9, [])):
+        places = own(found, 0.4 * weight, is_over=True).entering
+        assert [place.share for place in places] == pytest.approx(came)
 
 
 def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     found = pool((0.6, NEARBY), (0.4, FAR))
-    came = own(found, 0.0)
+    came = own(found, 0.6)
     assert [place.pose for place in came.entering] == [FAR]
     assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
     turned = (0.0, 0.0, 0.45)
-    came = own(pool((0.6, turned), (0.4, FAR)), 0.0)
+    came = own(pool((0.6, turned), (0.4, FAR)), 0.6)
     assert [place.pose for place in came.entering] == [FAR], "nor does a search resolve headings"
 
 
@@ -128,7 +151,6 @@ def test_no_more_probable_cluster_is_replaced_by_a_candidate() -> None:
     assert set(entered(found, 0.0, (0.0, 0.2, 0.25))) == {FAR, FARTHER}
     assert set(entered(found, 0.0, (0.0, 0.31, 0.4))) == {FAR}
     assert set(entered(found, 0.0, (0.5,))) == set()
-    assert set(entered(found, 0.0, ())) == set()
 
 
 def test_places_that_are_too_improbable_do_not_enter() -> None:
@@ -139,9 +161,10 @@ def test_places_that_are_too_improbable_do_not_enter() -> None:
 
 def test_the_weight_of_entered_and_held_places_is_explained() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.2, FARTHER))
-    for room, explained in (((), 0.4), ((0.0,), 0.75), ((0.0,) * 3, 0.95)):
-        came = admission(found, HELD, room, 0.0, SETTINGS, is_over=False)
+    for free, explained in ((0, 0.4), (1, 0.75), (3, 0.95)):
+        came = admitted(found, 0.0, (*[0.0] * free, 0.9))
         assert came.explained == pytest.approx(explained)
+        assert not came.is_shared
 
 
 def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
