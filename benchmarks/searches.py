@@ -107,7 +107,7 @@ def search(place: Place, seed: int) -> Result:
         ranks = place.ranks([pose_tuple(mean) for mean in pooled.mean], truth)
         if len(took_s) == 1:
             first_ranks = ranks
-        if pool.finished(pooled, most, rules):
+        if pool.finished(pooled, settings, patient=True):
             return {
                 "held": all(rank is not None and rank < most for rank in ranks),
                 "first_ranks": first_ranks,

@@ -269,9 +269,8 @@ class ClusterSet(Part):
         least = self.rules.least_probability
         leaving = [each for each in self.by_probability()[1:] if each.probability < least]
         ended = self.end(leaving, "improbable")
-        if leaving and self.rules.kidnapping_probability > 0.0:
-            logs = [cluster.log_probability for cluster in leaving]
-            self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
+        logs = [cluster.log_probability for cluster in leaving]
+        self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
         self._normalise()
         return ended
 

@@ -298,8 +298,7 @@ class Ensemble(Part, kw_only=True):
         search, fresh = self.search.pool, self.search.on_reports(reports, self.clusters.job_ids)
         if search is None or fresh is None:
             return
-        most, rules = self.settings.belief.max_clusters, self.settings.search
-        is_over = search.finished(fresh, most, rules, patient=self._is_patient)
+        is_over = search.finished(fresh, self.settings, patient=self._is_patient)
         if not len(self.clusters):
             self._admit_first(search, fresh, step)
         else:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, LogProbability, Part, Text
 from clustermcl.filter.arrays import Poses
-from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.message import NumberOrNone, PoseTuple
@@ -149,22 +149,19 @@ class SearchPool(Part):
         before, self.explained = self.explained, max(share, self.explained)
         return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
 
-    def finished(
-        self, pool: Pool, clusters: int, rules: SearchSettings, *, patient: bool = True
-    ) -> bool:
+    def finished(self, pool: Pool, settings: FilterSettings, *, patient: bool) -> bool:
         """Return whether the search is over: its best places weigh enough, or it took too long.
 
         The weight is not enough if the search discarded poses that are almost as good.
 
         Args:
             pool: the places of the newest step.
-            clusters: maximum number of tracked places.
-            rules: contain the weight that is enough, and the maximum number of steps.
+            settings: contain the weight that is enough, and maxima of steps and tracked places.
             patient: let it take longer while it has more places than can be tracked, as the robot
                 may be at one that would be dropped.
         """
-        mass = rules.converged_mass
-        held = sum(pool.share[:clusters])
+        rules, clusters = settings.search, settings.belief.max_clusters
+        mass, held = rules.converged_mass, sum(pool.share[:clusters])
         too_many = held < mass and len(pool.share) > clusters
         most_steps = rules.max_steps * (_PATIENCE if patient and too_many else 1)
         steps = pool.step - self.first_step + 1

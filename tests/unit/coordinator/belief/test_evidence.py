@@ -9,7 +9,7 @@ from clustermcl.belief.familiarity import FRONT, Familiarity, Learned
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
 from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import compose
-from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.pose_arrays import pose_tuple
 from tests.unit.coordinator.belief.test_ensemble import (
     NORTH,
@@ -20,6 +20,11 @@ from tests.unit.coordinator.belief.test_ensemble import (
 from tests.unit.coordinator.reports import elsewhere, found_places, resumed, searched, tracked
 
 RULES = SearchSettings()
+
+
+def tracking(most: int, **search: int) -> FilterSettings:
+    """With this many clusters at most."""
+    return FilterSettings(belief=BeliefSettings(max_clusters=most), search=SearchSettings(**search))
 
 
 def test_the_number_of_particles_is_no_evidence() -> None:
@@ -51,8 +56,8 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     of_second = float(weights[poses[:, 0] > 1.1].sum())
     assert of_second == pytest.approx(0.75), "by evidence, whatever the number of points"
     assert near.pose[0] == pytest.approx(1.2), "the pose of the shard with the larger share"
-    assert pool.finished(pooled, 2, RULES)
-    assert not pool.finished(pooled, 1, RULES)
+    assert pool.finished(pooled, tracking(2), patient=True)
+    assert not pool.finished(pooled, tracking(1), patient=True)
 
 
 @pytest.mark.parametrize(("weight", "gap"), [(1.0, 1.0), (0.05, 1.0), (1e-4, 7.0)])
@@ -113,13 +118,13 @@ def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
 def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
     patient: bool, over: list[bool]
 ) -> None:
-    pool = SearchPool(("s0.0",), 10)
+    pool, settings = SearchPool(("s0.0",), 10), tracking(2, max_steps=3)
     ended = []
     for step in (12, 20, 21):
         pool.add(searched("s0.0", step, {NORTH: 0.4, SOUTH: 0.3, (9.0, 0.0, 0.0): 0.3}))
         found = pool.pooled(RULES)
         assert found is not None
-        ended.append(pool.finished(found, 2, SearchSettings(max_steps=3), patient=patient))
+        ended.append(pool.finished(found, settings, patient=patient))
     assert ended == over
 
 

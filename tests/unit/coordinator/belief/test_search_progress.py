@@ -3,16 +3,16 @@ import math
 import pytest
 
 from clustermcl.belief.search_pool import SearchPool
-from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.settings import FilterSettings, SearchSettings
 from tests.unit.coordinator.reports import pool_of
 
-SETTINGS = SearchSettings(shards=1, converged_mass=0.8, max_steps=10)
+SETTINGS = FilterSettings(search=SearchSettings(shards=1, converged_mass=0.8, max_steps=10))
 
 
 def progress(share: float, left_out: float, step: int) -> float:
     search = SearchPool(("s0.0",), 1)
     pool = pool_of((share, (0.0, 5.0, 0.0)), step=step, left_out_gap=-math.log(left_out))
-    finished = search.finished(pool, 64, SETTINGS)
+    finished = search.finished(pool, SETTINGS, patient=True)
     assert finished == (search.progress == 1.0)
     return search.progress
 
