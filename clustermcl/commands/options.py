@@ -144,3 +144,12 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
         if value and not is_there:
             option = f"--{name.replace('_', '-')}"
             raise SettingsError(key=option, problem=f"{option} has no effect without {needed}")
+
+
+def refuse_given(context: typer.Context, what: str, *parameters: str) -> None:
+    """Refuse options without effect that are on the command line; the environment may have them."""
+    for each in context.command.params:
+        source = context.get_parameter_source(each.name or "")
+        if each.name in parameters and source and source.name == "COMMANDLINE":
+            problem = f"{each.opts[0]} has no effect on {what}; leave it out"
+            raise SettingsError(key=each.opts[0], problem=problem)

@@ -4,6 +4,8 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from clustermcl.commands import options as opt
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.runtime.supervisor import python_module
@@ -42,6 +44,7 @@ def become(module: str, given: opt.Given, *arguments: str) -> None:
 @opt.given_command("robot", "router")
 def view(
     given: opt.Given,
+    context: typer.Context,
     recording: Annotated[
         Path | None, opt.argument("[FILE.mcap|FOLDER]", "A recorded run, not a running system.")
     ] = None,
@@ -57,6 +60,10 @@ def view(
         words = ["--allow-commands"] if allow_commands else []
         become("view", given, "--listen", listen or opt.HERE, *words)
         return
+    without = ("robot", "router", "settings_file", "assignments", "allow_commands")
+    opt.refuse_given(context, "a recorded run", *without)
+    if save is not None:
+        opt.refuse_given(context, "a saved page", "listen")
     from clustermcl.view.admission import parsed_address  # noqa: PLC0415 - see the package
     from clustermcl.view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 

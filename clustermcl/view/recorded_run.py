@@ -56,6 +56,9 @@ def view_recording(
     if not recording.exists():
         raise RecordingError(recording, os_problem(FileNotFoundError()))
     if not run_log.is_run_log(recording):
+        if runs := [each.name for each in sorted(recording.glob("*/")) if run_log.is_run_log(each)]:
+            problem = f"it contains recorded runs in folders: name one of {', '.join(runs)}"
+            raise RecordingError(recording, problem)
         problem = "is not a recorded run: no flight recorder wrote it"
         remedy = f"to localize with it: clustermcl demo --view --recording {recording}"
         raise RecordingError(recording, f"{problem}; {remedy}")

@@ -11,7 +11,7 @@ import pytest
 
 from clustermcl.belief.outcome import belief_after
 from clustermcl.evaluation.run import Case, Run, SimulatedRobot
-from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.errors import ClusterMclError, RecordingError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.run_log import RunLog, last_map
@@ -62,6 +62,11 @@ def test_all_steps_are_shown_on_the_recorded_map(file: Path) -> None:
     assert not shown["system"]["commands"]
     assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(STEPS))
     assert shown["map"]["digest"] == world("cross").map.digest
+
+
+def test_of_a_folder_of_runs_one_must_be_named(file: Path) -> None:
+    with pytest.raises(RecordingError, match=f"name one of .*{file.parent.name}"):
+        view_recording(file.parent.parent, Address("", 0))
 
 
 @pytest.mark.parametrize("step", [1, STEPS - 1])
