@@ -13,8 +13,12 @@ from clustermcl.filter.laser.evidence_model import scan_exponent, share_by_fit
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from clustermcl.filter.motion.model import move, standard_normals
+from clustermcl.filter.poses import wrap_angle
 from clustermcl.filter.resampling import resample, systematic
 from clustermcl.filter.settings import ClusterSettings, MotionSettings
+
+_LEAST_VARIANCE = 1e-6
+"""Added to a cloud's variances, so that equal particles have a density [m^2], [rad^2]."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +61,10 @@ class MeasurementUpdate:
     log_weight_sum: float
     """Log of the sum of w_{t-1} p(z_t | x_t) over N particles whose weights sum to N."""
     log_likelihood_per_beam: float
-    """Log-likelihood per beam of the best particle, without the exponent [nat/beam]; NaN: the scan
-    has no beams."""
+    """Log-likelihood per beam of the most probable particle, without the exponent [nat/beam]; NaN:
+    the scan has no beams."""
     best: Pose | None = None
-    """(3,) the best particle; None if the scan has no beams."""
+    """(3,) that particle; None if the scan has no beams."""
 
 
 def resampled(
@@ -93,12 +97,25 @@ def measurement_update(
     # The likelihood field is high inside walls, where no robot can be.
     penalty = ground_log_penalty(poses, model.grid, model.settings.not_free_log_penalty)
     log_weights, total = multiplied(before, fit, exponent, penalty)
-    best = int(np.argmax(fit))
+    best = _most_probable(particles, exponent * fit)
     per_beam = float(fit[best]) / beams.count
     if share < 1.0:
         share *= share_by_fit(per_beam, model.settings)
         log_weights, _ = multiplied(before, fit, share * exponent, penalty)
     return MeasurementUpdate(ParticleSet(poses, log_weights), total, per_beam, poses[best])
+
+
+def _most_probable(expected: ParticleSet, log_likelihood: LogWeights) -> int:
+    """Return the index of the particle with the largest posterior density.
+
+    Its prior is the Gaussian of the expected particles. The one that fits best is often far from
+    all others, along moved walls or at the edge of a wide cloud.
+    """
+    mean, covariance = expected.gaussian()
+    off = expected.map_from_robot - mean
+    off[:, 2] = wrap_angle(off[:, 2])
+    scaled = off @ np.linalg.inv(covariance + _LEAST_VARIANCE * np.eye(3))
+    return int(np.argmax(log_likelihood - 0.5 * np.einsum("ni,ni->n", off, scaled)))
 
 
 def new_share(before_from_after: Pose, settings: ClusterSettings) -> float:

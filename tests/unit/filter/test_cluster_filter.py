@@ -84,6 +84,23 @@ def test_the_exponent_applies_to_the_scan_and_not_to_the_free_ground() -> None:
     assert result.log_likelihood_per_beam == pytest.approx(fit.max() / beams.count)
 
 
+def test_the_most_probable_particle_is_one_where_the_others_are() -> None:
+    """One that a robot half a metre away would fit is not."""
+    astray = compose(HERE, np.array([0.5, 0.0, 0.0]))
+    cloud = ParticleSet.even(np.vstack([cloud_round(HERE, 200).map_from_robot, astray]))
+    beams, model = seen_from(astray, plain_room()), model_of(plain_room())
+    assert np.argmax(model.log_likelihood(cloud.map_from_robot, beams)) == 200
+    best = measurement_update(cloud, beams, model, exponent=0.05).best
+    assert best is not None
+    assert math.dist(best[:2], HERE[:2]) < 0.25
+
+
+def test_equal_particles_have_a_most_probable_one() -> None:
+    cloud = ParticleSet.even(np.tile(HERE, (3, 1)))
+    beams, model = seen_from(HERE, plain_room()), model_of(plain_room())
+    np.testing.assert_array_equal(measurement_update(cloud, beams, model, 0.2).best, HERE)
+
+
 def test_occluded_beams_lower_the_evidence() -> None:
     seen = SensorSettings(
         visibility_particles=20, occlusion_weight=0.4, scan_likelihood_exponent=0.2
