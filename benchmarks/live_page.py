@@ -125,7 +125,7 @@ class Imitation:
             )  # fmt: skip
         return TrackReport(
             sender="w-0", job_id=f"c{cluster}", epoch=1, step=step, log_weight_sum=0.0,
-            particles=PARTICLES, log_likelihood_per_beam=0.0, effective_sample_size=1.0,
+            particles=PARTICLES, effective_sample_size=1.0,
             pose=(0.0, 0.0, 0.0), covariance=COVARIANCE, snapshot=snapshot,
         )  # fmt: skip
 

@@ -142,7 +142,6 @@ class Run:
         return TrackReport(
             sender=self._places[job_id], job_id=job_id, epoch=self._epochs[job_id],
             step=self._step, log_weight_sum=float(self._rng.normal()), particles=2_000,
-            log_likelihood_per_beam=float(self._rng.normal(-1.0, 0.01)),
             effective_sample_size=float(self._rng.uniform(100, 2_000)),
             pose=(10.0 * number, *self._pose()[1:]), covariance=self._covariance(),
             snapshot=PARTICLES if due else None,
@@ -157,7 +156,7 @@ class Run:
         )  # fmt: skip
         return SearchReport(
             sender="worker-0", job_id="s0.0", epoch=self._epochs["s0.0"], step=0, log_evidence=0.0,
-            particles=100, left_out_gap=12.0, log_likelihood_per_beam=-1.0, places=places,
+            particles=100, left_out_gap=12.0, places=places,
         )  # fmt: skip
 
 

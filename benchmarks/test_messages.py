@@ -27,7 +27,7 @@ PARTICLES = Particles(
 def report(snapshot: Particles | None) -> TrackReport:
     return TrackReport(
         sender="worker-1", job_id="c1", epoch=1, step=7, log_weight_sum=1.0, particles=2_000,
-        log_likelihood_per_beam=-1.0, effective_sample_size=900.0, pose=POSE,
+        effective_sample_size=900.0, pose=POSE,
         covariance=COVARIANCE, snapshot=snapshot,
     )  # fmt: skip
 

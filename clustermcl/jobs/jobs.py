@@ -148,7 +148,6 @@ class Tracking(RunningJob):
             **self._head(scan.step),
             log_weight_sum=result.log_weight_sum,
             particles=len(self._particle_set.log_weights),
-            log_likelihood_per_beam=result.log_likelihood_per_beam,
             effective_sample_size=self._particle_set.effective_sample_size,
             pose=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
@@ -216,7 +215,7 @@ class Searching(RunningJob):
         beams = self._arrays.once(scan_beams, scan, self._model)
         rng = self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
-        per_beam = yield from self._search.advance(before, after, beams, rng, observed(scan))
+        yield from self._search.advance(before, after, beams, rng, observed(scan))
         yield
         found = yield from self._search.places(self._search_rng(scan.step, 2))
         return work.SearchReport(
@@ -224,7 +223,6 @@ class Searching(RunningJob):
             log_evidence=self._search.log_evidence,
             particles=max(self._search.poses, 1),
             left_out_gap=self._search.left_out_gap,
-            log_likelihood_per_beam=per_beam,
             places=_found(scan, found),
         )
 

@@ -52,11 +52,6 @@ def _problems(message: object) -> Iterator[str | None]:
             yield from map(problem_of, parts)
         case work.Assignment(job=work.TrackJob(start=start)):
             yield _particles_problem(start)
-        case (
-            work.TrackReport(log_likelihood_per_beam=fit)
-            | work.SearchReport(log_likelihood_per_beam=fit)
-        ) if math.isinf(fit):  # NaN: the scan had no beam to score
-            yield "log_likelihood_per_beam is infinite"
         case work.TrackReport(snapshot=work.Particles() as snapshot):
             yield _particles_problem(snapshot)
         case work.SearchReport(places=places):

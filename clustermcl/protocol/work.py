@@ -169,13 +169,11 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/2"):
     log_weight_sum: Finite
     """Log of the sum of the weights after the update; before it they summed to `particles`."""
     particles: Annotated[int, Meta(ge=1)]
-    log_likelihood_per_beam: float
-    """The best particle's log-likelihood per beam, without tempering: how well the scan fits."""
     effective_sample_size: NotNegative
     pose: PoseTuple
     covariance: Covariance
     fits: Annotated[bytes, Meta(max_length=65_536)] = b""
-    """How well each beam fits at the best particle; see `clustermcl.filter.laser.beam_fits`."""
+    """How well each beam fits at the most probable particle: see `beam_fits`."""
     log_observed: Finite = 0.0
     """Log of the average likelihood ratio of the step's observations, after the scan."""
     snapshot: Particles | None = None
@@ -200,7 +198,6 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     particles: Annotated[int, Meta(ge=1)]
     left_out_gap: Finite
     """Lower bound of the log ratio of the weight that the shard keeps to what it left out [nat]."""
-    log_likelihood_per_beam: float
     places: FoundPlaces
 
 

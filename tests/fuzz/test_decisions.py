@@ -1,4 +1,3 @@
-import math
 from typing import Any
 
 import numpy as np
@@ -205,7 +204,7 @@ def reports(draw: st.DrawFn) -> work.Report:
         return elsewhere(step, draw(LOGS))
     report = tracked(job, step, 1.0, pose, snapshot=draw(st.none() | st.just(cloud_at(pose, step))))
     return replace(
-        report, log_weight_sum=draw(LOGS), log_likelihood_per_beam=draw(LOGS | st.just(math.nan)),
+        report, log_weight_sum=draw(LOGS),
         effective_sample_size=draw(st.floats(0.0, 1e9)), particles=draw(st.integers(1, 10**6)),
     )  # fmt: skip
 

@@ -60,11 +60,8 @@ class MeasurementUpdate:
     particles: ParticleSet
     log_weight_sum: float
     """Log of the sum of w_{t-1} p(z_t | x_t) over N particles whose weights sum to N."""
-    log_likelihood_per_beam: float
-    """Log-likelihood per beam of the most probable particle, without the exponent [nat/beam]; NaN:
-    the scan has no beams."""
     best: Pose | None = None
-    """(3,) that particle; None if the scan has no beams."""
+    """(3,) the most probable particle; None if the scan has no beams."""
 
 
 def resampled(
@@ -92,17 +89,16 @@ def measurement_update(
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
-        return MeasurementUpdate(particles, math.log(len(before)), math.nan)
+        return MeasurementUpdate(particles, math.log(len(before)))
     fit = model.log_likelihood(poses, beams)
     # The likelihood field is high inside walls, where no robot can be.
     penalty = ground_log_penalty(poses, model.grid, model.settings.not_free_log_penalty)
     log_weights, total = multiplied(before, fit, exponent, penalty)
     best = _most_probable(particles, exponent * fit)
-    per_beam = float(fit[best]) / beams.count
     if share < 1.0:
-        share *= share_by_fit(per_beam, model.settings)
+        share *= share_by_fit(float(fit[best]) / beams.count, model.settings)
         log_weights, _ = multiplied(before, fit, share * exponent, penalty)
-    return MeasurementUpdate(ParticleSet(poses, log_weights), total, per_beam, poses[best])
+    return MeasurementUpdate(ParticleSet(poses, log_weights), total, poses[best])
 
 
 def _most_probable(expected: ParticleSet, log_likelihood: LogWeights) -> int:

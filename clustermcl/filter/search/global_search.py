@@ -154,14 +154,10 @@ class GlobalSearch:
         beams: Beams,
         rng: np.random.Generator,
         observed: tuple[Sequence[Kind], Landmarks] = ((), NO_LANDMARKS),
-    ) -> Slices[float]:
+    ) -> Slices[None]:
         """Apply one step, in slices.
 
         The (3,) odometry at the step before is None at the first step.
-
-        Returns:
-            The best pose's log-likelihood per beam, without the exponent [nat/beam]. NaN: the scan
-            has no beams, or there are no poses yet.
         """
         rules, motion = self._settings, np.zeros(3)
         if odom_from_before is not None:
@@ -174,9 +170,10 @@ class GlobalSearch:
         if len(beams.ranges) and self._sampled > _SAMPLED:
             self._scans.append(_PastScan(odom_from_after, beams))
             if len(self._scans) == self._next_search:
-                return (yield from self._search(rng))
+                yield from self._search(rng)
+                return
         if self._kept is None:
-            return math.nan
+            return
         if odom_from_before is None:
             raise ValueError("the odometry of the step before is missing")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
@@ -185,9 +182,9 @@ class GlobalSearch:
         moved = move(kept.poses, motion, self._settings.motion, noise)
         self._kept = replace(kept, poses=moved)
         if beams.count == 0:
-            return math.nan
+            return
         yield
-        return (yield from self._weigh(self._kept, beams, new_view, rng, new))
+        yield from self._weigh(self._kept, beams, new_view, rng, new)
 
     def places(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
         """Return the places of the last step, the most probable first, in slices."""
@@ -196,8 +193,8 @@ class GlobalSearch:
         particles = ParticleSet(self._kept.poses, self._kept.log_weights)
         return (yield from found_places(particles, self._labels, self._settings, rng))
 
-    def _search(self, rng: np.random.Generator) -> Slices[float]:
-        """Search the whole space by all scans, in slices; return as `advance`."""
+    def _search(self, rng: np.random.Generator) -> Slices[None]:
+        """Search the whole space by all scans, in slices."""
         now = self._scans[-1]
         hits = np.concatenate([past.hits_from(now.odom_from_robot) for past in self._scans])
         grid = BranchAndBoundSearch(self._model, self._space, hits, self._shard, self._rules, rng)
@@ -220,24 +217,22 @@ class GlobalSearch:
             kept, parent = kept.at(free), parent[free]
             before = kept.log_weights - scores[chosen][parent]
             yield
-            scores, per_beam = yield from self._scores(kept.poses, now)
+            scores = yield from self._scores(kept.poses, now)
             kept = replace(kept, log_weights=before + scores)
         log_weights = self._observed(kept.poses, kept.log_weights, self._observations)
         kept = replace(kept, log_weights=log_weights)
         yield
         kept, _ = yield from self._thin(kept, rng)
         yield from self._settle(kept, now.beams)
-        return per_beam
 
-    def _scores(self, poses: Poses, now: "_PastScan") -> Slices[tuple[LogWeights, float]]:
-        """Return (N,) log-likelihoods of all scans at present poses, and the last scan's best fit
-        per beam."""
+    def _scores(self, poses: Poses, now: "_PastScan") -> Slices[LogWeights]:
+        """Return (N,) log-likelihoods of all scans at present poses."""
         total = np.zeros(len(poses))
         for past in self._scans:
             now_from_then = between(now.odom_from_robot, past.odom_from_robot)
             fits = yield from self._fits(poses, past.beams, now_from_then)
             total += scan_exponent(past.beams.count, self._model.settings) * fits
-        return total, float(fits.max()) / now.beams.count
+        return total
 
     def _fits(self, poses: Poses, beams: Beams, at_scan: Pose | None = None) -> Slices[LogWeights]:
         """Return (N,) log-likelihoods of a scan at poses, or at `at_scan` relative to each pose."""
@@ -257,19 +252,19 @@ class GlobalSearch:
         new_view: float,
         rng: np.random.Generator,
         new: Sequence[Kind],
-    ) -> Slices[float]:
-        """Weigh poses by a further scan, in slices; return as `advance`.
+    ) -> Slices[None]:
+        """Weigh poses by a further scan, in slices.
 
         The likelihood is tempered for the weights of the poses, but not for the evidence.
         """
         fits = yield from self._fits(kept.poses, beams)
-        per_beam = float(fits.max()) / beams.count
         not_free = self._model.settings.not_free_log_penalty
         penalty = ground_log_penalty(kept.poses, self._model.grid, not_free)
         gain = scan_exponent(beams.count, self._model.settings) * fits + penalty
         likelihood = log_sum(kept.log_weights + gain)
         share = new_view
         if self._settings.belief.piece_evidence > 0.0:
+            per_beam = float(fits.max()) / beams.count
             share *= share_by_fit(per_beam, self._model.settings) ** 2
         log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
@@ -277,7 +272,6 @@ class GlobalSearch:
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
         yield from self._settle(kept, beams, new_view)
-        return per_beam
 
     def _observed(
         self, poses: Poses, log_weights: LogWeights, observations: Sequence[Kind]

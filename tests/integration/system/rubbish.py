@@ -112,7 +112,6 @@ class ForeignSender:
             *((keys.SCAN, again) for again in reversed([*self.scans.values()][-4:])),
             (keys.worker_report(NO_NAME), old),
             (report, old),
-            (report, msgspec.structs.replace(old, log_likelihood_per_beam=math.inf)),
         ]
         for key, message in wrong:
             self._put(key, encode(message))

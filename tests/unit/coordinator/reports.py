@@ -144,7 +144,6 @@ def searched(
         log_evidence=log_evidence,
         particles=100,
         left_out_gap=left_out_gap,
-        log_likelihood_per_beam=-1.0,
         places=found_places([(share, mean) for mean, share in places.items()]),
     )
 
@@ -183,7 +182,6 @@ def tracked(
     mean: PoseTuple,
     *,
     epoch: int = 0,
-    fit: float = -1.0,
     snapshot: Particles | None = None,
     fits: Sequence[float] = (),
 ) -> TrackReport:
@@ -195,7 +193,6 @@ def tracked(
         step=step,
         log_weight_sum=math.log(likelihood * 100),
         particles=100,
-        log_likelihood_per_beam=fit,
         effective_sample_size=50.0,
         pose=mean,
         covariance=NO_SPREAD,

@@ -64,7 +64,6 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
     [
         (changed(TRACKED, log_weight_sum=math.nan), "$.log_weight_sum"),
         (changed(TRACKED, effective_sample_size=math.inf), "$.effective_sample_size"),
-        (changed(TRACKED, log_likelihood_per_beam=math.inf), "log_likelihood_per_beam"),
         (changed(TRACKED, particles=0), "$.particles"),
         (changed(ELSEWHERE, log_likelihood=math.nan), "$.log_likelihood"),
         (changed(ELSEWHERE, step=-1), "$.step"),
@@ -121,11 +120,6 @@ def test_plausible_messages_are_accepted() -> None:
     sound = (TRACKED, SEARCHED, ELSEWHERE, ODOMETRY, scan(0), last, SET_POSE, order(CLOUD))
     for message in (*sound, order_of_nothing):
         assert decode(encode(message), type(message)) == message
-
-
-def test_a_report_of_a_scan_without_usable_beams_is_accepted() -> None:
-    message = changed(TRACKED, log_likelihood_per_beam=math.nan)
-    assert math.isnan(decode(encode(message), work.TrackReport).log_likelihood_per_beam)
 
 
 @pytest.mark.parametrize(

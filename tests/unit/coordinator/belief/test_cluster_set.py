@@ -40,10 +40,9 @@ def first(*shares: float, **belief: object) -> ClusterSet:
     return made
 
 
-def reports_of(*likelihoods: float, fit: float = 0.0) -> dict[str, TrackReport]:
+def reports_of(*likelihoods: float) -> dict[str, TrackReport]:
     return {
-        f"c{i}": tracked(f"c{i}", 1, value, PLACES[i % 3], fit=fit)
-        for i, value in enumerate(likelihoods)
+        f"c{i}": tracked(f"c{i}", 1, value, PLACES[i % 3]) for i, value in enumerate(likelihoods)
     }
 
 
@@ -61,7 +60,7 @@ def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> Non
     made = ClusterSet(replace(settings.belief, least_probability=0.0), SensorSettings())
     made.take_from_elsewhere(1.0)
     made.admit([(place(s, PLACES[i], 0), "first search") for i, s in enumerate((0.6, 0.4))], 0)
-    weigh(made, reports_of(0.01, 0.4, fit=-1.0))
+    weigh(made, reports_of(0.01, 0.4))
     assert probabilities(made) == pytest.approx([0.006 / 0.166, 0.16 / 0.166, 0.0])
 
 
@@ -103,10 +102,8 @@ def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
 def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     """Its worker may not have received the order yet, or there was no coordinator to send it."""
     both, one = (first(0.6, 0.3) for _ in range(2))
-    reports = reports_of(0.2, 0.1, 0.9, fit=-1.0)
-    reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
-    weigh(both, reports, elsewhere(1, -3.0))
-    weigh(one, reports_of(0.2, 0.1, fit=-1.0), elsewhere(1, -3.0))
+    weigh(both, reports_of(0.2, 0.1, 0.9), elsewhere(1, -3.0))
+    weigh(one, reports_of(0.2, 0.1), elsewhere(1, -3.0))
     assert probabilities(both) == probabilities(one)
 
 
