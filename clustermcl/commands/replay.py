@@ -40,7 +40,7 @@ def parsed_moment(option: str, text: str | None) -> Moment | None:
     with suppress(ValueError, OverflowError):
         return datetime.fromisoformat(text).astimezone().replace(tzinfo=None)
     problem = f"{text!r} is neither a step nor a time: 200, 11:45:51, '2026-11-20 11:45:51'"
-    raise SettingsError(key=option, problem=problem)
+    raise SettingsError(key=option, problem=f"{option}: {problem}")
 
 
 def _since(moment: Moment, step: int, clock: datetime) -> float:
@@ -144,7 +144,7 @@ def _parsed_place(text: str) -> int | None:
         return None
     if number.isdecimal() and len(number) < 19:
         return int(number)
-    raise SettingsError(key="--why", problem=f"{text!r} is no place: c7, 7, or {ELSEWHERE}")
+    raise SettingsError(key="--why", problem=f"--why: {text!r} is no place: c7, 7, or {ELSEWHERE}")
 
 
 def _print_why(path: Path, place: int | None, shown: Bounds) -> None:

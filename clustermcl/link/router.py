@@ -17,6 +17,7 @@ import zenoh
 from clustermcl.link import configuration
 from clustermcl.link.session import MANY_LINKS, receiving_threads
 from clustermcl.protocol.errors import AlreadyRunningError, InputFileError, SettingsError
+from clustermcl.runtime.compressed import os_problem
 from clustermcl.runtime.main import EXIT_BUG, Invocation, process_main
 from clustermcl.runtime.memory import trim_heap
 
@@ -105,7 +106,8 @@ def run_router(invocation: Invocation) -> None:
     if file is None:
         config = configuration.as_zenoh(configuration.router_configuration(settings))
     elif not file.is_file():
-        raise InputFileError(file, "no such file")
+        failed = IsADirectoryError() if file.is_dir() else FileNotFoundError()
+        raise InputFileError(file, os_problem(failed))
     else:
         try:
             config = zenoh.Config.from_file(str(file))

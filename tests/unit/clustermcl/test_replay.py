@@ -201,5 +201,5 @@ def test_replay_says_why_a_place_rose_or_fell(recording: Path) -> None:
 
 def test_a_place_that_is_not_recorded_is_named(recording: Path, tmp_path: Path) -> None:
     assert "contains place 77" in complaint(recording, "--why", "77")
-    assert "'b3' is no place" in complaint(recording, "--why", "b3")
+    assert "--why: 'b3' is no place" in complaint(recording, "--why", "b3")
     assert "no flight recording" in complaint(tmp_path, "--why", "c0")
