@@ -3,6 +3,7 @@
 import fcntl
 import logging
 import os
+import signal
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -30,6 +31,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.steps import Landmark, PositionField, Scan, Seen
 from clustermcl.runtime.folders import log_remarks
 from clustermcl.runtime.parent import PARENT_VARIABLE
+from clustermcl.runtime.stop import StoppedError
 
 _TAG = Landmark(name="tag", x=1.0, y=1.0, sigma=0.1)
 _SEEN = Seen(
@@ -55,6 +57,7 @@ def compile_kernels(sensor: SensorSettings) -> None:
 
     Raises:
         NoKernelsError: there is no library, and no numba that compiles one.
+        StoppedError: a signal ended the compilation; Ctrl-C reaches all processes of a terminal.
     """
     is_built = kernel_library.library() is not None
     log_remarks()
@@ -69,6 +72,8 @@ def compile_kernels(sensor: SensorSettings) -> None:
     except OSError as error:
         reason = str(error)
     except subprocess.CalledProcessError as error:
+        if error.returncode in (-signal.SIGINT, -signal.SIGTERM):
+            raise StoppedError from None
         reason = (error.stderr.strip().splitlines() or [str(error)])[-1]
     _log.warning(
         "no library of kernels can be built, so each process takes 100 MB and some 20 s more: %s",

@@ -130,8 +130,9 @@ def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_the_compilation_of_kernels_does_not_outlive_its_parent(
-    start_process: StartProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_the_compilation_of_kernels_ends_with_its_parent(
+    number: int, start_process: StartProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It went on for 20 s, on all cores of a robot that starts again."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
@@ -143,8 +144,10 @@ def test_the_compilation_of_kernels_does_not_outlive_its_parent(
         return bool(found) and found[0].cmdline()[-2:-1] == ["clustermcl.jobs.build_kernels"]
 
     wait_until(compiles)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    if number == signal.SIGINT:  # a terminal sends it to both
+        found[0].send_signal(number)
+    process.send_signal(number)
+    assert process.wait() == (-signal.SIGKILL if number == signal.SIGKILL else 0), process.err
     wait_until(lambda: gone([found[0].pid]), stretched_s(5.0))
 
 
