@@ -403,7 +403,7 @@ def run(condition: Condition, settings: Settings, baseline: Settings | None = No
                 process=process,
                 mount=scan.robot_from_laser,
                 beams=np.stack([beams.ranges, beams.angles], axis=-1),
-                max_range_m=beams.max_range_m,
+                max_range_m=min(scan.range_max_m, settings.sensor.max_range_m),
             )
         )
     return Result(condition.group, condition.name, condition.event_at, rows, baseline_cpu_s)

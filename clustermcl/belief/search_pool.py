@@ -7,13 +7,12 @@ from functools import cached_property
 from typing import Annotated, ClassVar
 
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, LogProbability, Part, Text
 from clustermcl.filter.arrays import Poses
-from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.filter.settings import FilterSettings, SearchSettings, Share
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.message import NumberOrNone, PoseTuple
@@ -95,9 +94,9 @@ class SearchPool(Part):
     """Log of the probability, when the search began, that the robot was elsewhere."""
     log_off_map: LogProbability = -math.inf
     """Log of the probability, when the search began, that the robot was not on the map."""
-    explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    explained: Share = 0.0
     """Share of its places that clusters hold or that were admitted."""
-    progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    progress: Share = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
     reached: dict[str, int] = {}

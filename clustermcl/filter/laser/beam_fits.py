@@ -17,7 +17,7 @@ THROUGH, OCCLUDED = 1, 2
 
 
 def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrored: bool) -> bytes:
-    """Return the fit of each beam that returned, at a (3,) pose.
+    """Return the fit of each beam at a (3,) pose.
 
     Six bits of a byte are the beam's log-likelihood in the field, from that of an end far from all
     obstacles (0) to that of one on an obstacle (63). The lowest bit is 1 for a beam through a wall,
@@ -28,11 +28,11 @@ def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrore
     grid, level = model.grid, model.pyramid.levels[-1]
     parts = []
     for laser in beams.lasers:
-        fits = np.zeros(np.count_nonzero(laser.ranges < laser.max_range_m), np.uint8)
+        fits = np.zeros(len(laser.ranges), np.uint8)
         _fit(
             plain(map_from_robot),
             plain(laser.robot_from_laser),
-            plain(laser.own_hits_in_robot[laser.ranges < laser.max_range_m]),
+            plain(laser.own_hits_in_robot),
             read_only(level),
             read_only(model.jumps),
             grid.in_cells,

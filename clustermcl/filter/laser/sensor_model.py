@@ -26,15 +26,13 @@ MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """The scored beams of a scan by one laser, and those of the robot's other lasers."""
+    """The scored beams of a scan by one laser, which all returned, and those of other lasers."""
 
     ranges: NDArray[np.float64]
-    """(B,) readings [m]; `max_range_m` or longer: no return."""
+    """(B,) readings [m]."""
     angles: NDArray[np.float64]
     """(B,) directions in the laser's frame [rad]."""
     robot_from_laser: Pose
-    max_range_m: float
-    """The smaller of the laser's and the settings' maximum range [m]."""
     others: tuple[Self, ...] = ()
     """Beams of the other lasers, as if measured at the same pose."""
 
@@ -127,11 +125,11 @@ class SensorModel:
         return replace(self._of_laser(scan, share), others=others)
 
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
-        """Choose beams that returned; the ends of the others are unknown."""
+        """Choose beams within the laser's and the settings' maximum range."""
         longest = min(scan.range_max_m, self.settings.max_range_m)
         ranges = np.asarray(scan.ranges, np.float64)
         chosen = usable_beams(ranges, longest, max_beams)
-        return Beams(ranges[chosen], scan.angles[chosen], scan.robot_from_laser, longest)
+        return Beams(ranges[chosen], scan.angles[chosen], scan.robot_from_laser)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""

@@ -28,7 +28,7 @@ def grid(cells: Cells) -> Grid:
 
 
 def seen(cells: Cells, *ranges: float) -> tuple[list[float], list[bool]]:
-    beams = Beams(np.array(ranges), np.zeros(len(ranges)), np.zeros(3), 30.0)
+    beams = Beams(np.array(ranges), np.zeros(len(ranges)), np.zeros(3))
     model = computed_model(grid(cells), SensorSettings())
     fits, through, _ = decoded(beam_fits(MIDDLE, beams, model, mirrored=False))
     return fits.tolist(), through.tolist()
@@ -67,7 +67,7 @@ def test_a_beam_is_occluded_if_rays_on_both_sides_are_cut_off_too(
     """A post 2 m ahead: at 0.05 rad, rays are 0.1 m beside its middle."""
     cells, half = room(), round(half_m / CELL_M)
     cells[100 - half : 100 + half, 140] = OCCUPIED
-    beams = Beams(np.array([AHEAD_M]), np.zeros(1), np.zeros(3), 30.0)
+    beams = Beams(np.array([AHEAD_M]), np.zeros(1), np.zeros(3))
     model = computed_model(grid(cells), SensorSettings())
     _, through, occluded = decoded(beam_fits(MIDDLE, beams, model, mirrored=False))
     assert (through.tolist(), occluded.tolist()) == ([True], [is_occluded])
@@ -84,13 +84,11 @@ def test_the_fit_is_the_log_likelihood_in_the_field_where_a_beam_from_the_laser_
     field = LikelihoodField.build(ground, SensorSettings())
     pose, laser = np.array([2.0 + 38 * cell_m, -1.0 + 33 * cell_m, 0.6]), np.array([0.4, -0.2, 0.3])
     angles, ranges = rng.uniform(-np.pi, np.pi, 500), rng.uniform(0.1, 40 * cell_m, 500)
-    seen = beam_fits(pose, Beams(ranges, angles, laser, 30.0), model, mirrored=False)
+    seen = beam_fits(pose, Beams(ranges, angles, laser), model, mirrored=False)
     fits, through, _ = decoded(seen)
     from_laser = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), angles])
     at_laser = compose(pose, laser)
-    assert seen == beam_fits(
-        at_laser, Beams(ranges, angles, np.zeros(3), 30.0), model, mirrored=False
-    )
+    assert seen == beam_fits(at_laser, Beams(ranges, angles, np.zeros(3)), model, mirrored=False)
     assert 20 < np.count_nonzero(through) < 480
     col, row = ((compose(at_laser, from_laser)[:, :2] - [2.0, -1.0]) / cell_m).T
     inside = (row >= 0) & (row < 60) & (col >= 0) & (col < 80)
@@ -99,9 +97,9 @@ def test_the_fit_is_the_log_likelihood_in_the_field_where_a_beam_from_the_laser_
     assert not fits[~inside].any()
 
 
-def test_beams_without_return_have_no_fit_and_all_lasers_count() -> None:
-    back = Beams(np.array([4.6, 1.0]), np.zeros(2), np.array([-0.4, 0.0, math.pi]), 30.0)
-    both = Beams(np.array([AHEAD_M, 30.0]), np.zeros(2), np.zeros(3), 30.0, others=(back,))
+def test_the_beams_of_all_lasers_have_fits() -> None:
+    back = Beams(np.array([4.6, 1.0]), np.zeros(2), np.array([-0.4, 0.0, math.pi]))
+    both = Beams(np.array([AHEAD_M]), np.zeros(1), np.zeros(3), others=(back,))
     model = computed_model(grid(room()), SensorSettings())
     fits = beam_fits(MIDDLE, both, model, mirrored=False)
     found, _, _ = decoded(fits)

@@ -166,7 +166,7 @@ def cloud_round(pose: np.ndarray, count: int) -> ParticleSet:
 
 def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
     cloud = cloud_round(HERE, 10)
-    nothing = Beams(np.empty(0), np.empty(0), np.zeros(3), 10.0)
+    nothing = Beams(np.empty(0), np.empty(0), np.zeros(3))
     result = measurement_update(cloud, nothing, model_of(plain_room()), exponent=0.2)
     assert result.particles is cloud
     assert result.log_weight_sum == pytest.approx(math.log(10))

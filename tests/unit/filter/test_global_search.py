@@ -123,7 +123,7 @@ def test_the_likelihood_of_all_scans_is_kept_when_their_evidence_is_tempered() -
 def test_a_scan_without_a_return_adds_no_evidence() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     search, seen = search_in(cells), seen_from(START, cells)
-    nothing = Beams(seen.ranges[:0], seen.angles[:0], seen.robot_from_laser, 20.0)
+    nothing = Beams(seen.ranges[:0], seen.angles[:0], seen.robot_from_laser)
     finished(search.advance(None, START, nothing, rng))
     assert finished(search.places(rng)) == []
     assert (search.poses, search.log_evidence) == (0, 0.0)

@@ -176,7 +176,7 @@ def test_points_are_the_laser_pose_composed_with_the_beam(
     angle_min: float, x: float, y: float, turn: float
 ) -> None:
     laser, ranges = np.array([x, y, turn]), np.array([0.5, 7.0, 2.0])
-    points = Beams(ranges, angle_min + 0.1 * np.arange(3), laser, np.inf).hits_in_robot
+    points = Beams(ranges, angle_min + 0.1 * np.arange(3), laser).hits_in_robot
     for i, point in enumerate(points):
         beam = np.array([0.0, 0.0, angle_min + 0.1 * i])
         end = compose(compose(laser, beam), np.array([ranges[i], 0.0, 0.0]))
@@ -234,7 +234,7 @@ def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
     inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
     poses = compose(MAP_FROM_GRID, inside)
     x, y = rng.uniform(-4.0, 4.0, (60, 2)).T  # some of them beyond the map
-    beams = Beams(np.hypot(x, y), np.arctan2(y, x), np.array([*LASER, 0.0]), 20.0)
+    beams = Beams(np.hypot(x, y), np.arctan2(y, x), np.array([*LASER, 0.0]))
     found = model.occluded(poses, beams)
     expected = [hidden(pose, beams.hits_in_robot, cells, model.field) for pose in poses]
     assert max(expected) > 10.0

@@ -68,7 +68,7 @@ def beam_ends(laser: Scan | LaserBeams) -> NDArray[np.float64]:
     """(B, 2) where the beams end, in the robot's frame."""
     ranges = laser.ranges.array().astype(np.float64)
     angles = laser.angle_min_rad + laser.angle_step_rad * np.arange(len(ranges))
-    return Beams(ranges, angles, np.array(laser.robot_from_laser), np.inf).hits_in_robot
+    return Beams(ranges, angles, np.array(laser.robot_from_laser)).hits_in_robot
 
 
 def laser_reading(
