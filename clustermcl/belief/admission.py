@@ -10,8 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
-from clustermcl.belief.cluster_set import ClusterSet
+from clustermcl.belief.cluster_set import Candidate, ClusterSet
+from clustermcl.belief.given_places import moved_pose
 from clustermcl.belief.overlaps import is_near
 from clustermcl.belief.search_pool import Pool
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
@@ -19,13 +21,30 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import Place
 
 
-def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
-    """Return the places of a first search to track, most probable first.
+def first_candidates(pool: Pool, prior: Place | None, rules: BeliefSettings) -> list[Candidate]:
+    """Return the places of a first search, most probable first, and the robot's last pose.
 
-    The probability of a place is its share. The rest, up to one, is the probability of elsewhere.
+    The share of a place is its probability, of which `prior` leaves a part. The rest, up to one, is
+    the probability of elsewhere. If the last pose is one of the places, they merge.
+
+    Args:
+        pool: the places of the search.
+        prior: the last pose as it was after an earlier step; it is tracked from there.
+        rules: contain the largest number of clusters, and their least probability.
+
+    Returns:
+        Empty while no place is probable enough.
     """
     first = enumerate(pool.share[: rules.max_clusters])
-    return [pool.place(index, share) for index, share in first if share >= rules.least_probability]
+    found = [pool.place(index, share) for index, share in first if share >= rules.least_probability]
+    if prior is None or not found:
+        return [(place, "first search") for place in found]
+    now = moved_pose(prior.pose, prior.sample.odom_from_robot, pool.views.odom_from_robot)
+    kept, left = found[: rules.max_clusters - 1], 1.0 - prior.share
+    return [
+        *((replace(place, share=left * place.share), "first search") for place in kept),
+        (replace(prior, pose=now), "prior pose"),
+    ]
 
 
 MOST_LOG = 100.0

@@ -12,10 +12,9 @@ from typing import ClassVar
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.belief.admission import admission, first_places
+from clustermcl.belief.admission import admission, first_candidates
 from clustermcl.belief.bayes_update import OPEN, weigh
 from clustermcl.belief.cluster_set import Candidate, ClusterSet
-from clustermcl.belief.given_places import with_prior_pose
 from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
@@ -315,12 +314,9 @@ class Ensemble(Part, kw_only=True):
 
     def _admit_first(self, search: SearchPool, pool: Pool, step: int) -> None:
         """Admit the most probable places (section 4), and the prior pose if there is one."""
-        first = first_places(pool, self.settings.belief)
-        if not first:
+        entering = first_candidates(pool, self.prior_pose, self.settings.belief)
+        if not entering:
             return
-        entering: list[Candidate] = [(place, "first search") for place in first]
-        if self.prior_pose is not None:
-            entering = with_prior_pose(first, self.prior_pose, self.settings.belief)
         self.prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         before = self.clusters.elsewhere

@@ -1,14 +1,9 @@
-"""Candidate places around a given pose, or around the last pose of an earlier run."""
-
-from collections.abc import Sequence
+"""Places around a given pose, or around the last pose of an earlier run."""
 
 import numpy as np
-from msgspec.structs import replace
 
-from clustermcl.belief.cluster_set import Candidate
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose, generator
-from clustermcl.filter.settings import BeliefSettings
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
@@ -53,22 +48,3 @@ def candidate(
 def moved_pose(pose: PoseTuple, then: PoseTuple, now: PoseTuple) -> PoseTuple:
     """Return a pose after the robot has moved by odometry from `then` to `now`."""
     return pose_tuple(compose(np.array(pose), between(np.array(then), np.array(now))))
-
-
-def with_prior_pose(found: Sequence[Place], prior: Place, rules: BeliefSettings) -> list[Candidate]:
-    """Return the places of a first search and the robot's last pose, as candidates.
-
-    They share what the last pose leaves. If it is one of them, they merge.
-
-    Args:
-        found: most probable first; their shares are probabilities.
-        prior: the place as it was after an earlier step; it is tracked from there.
-        rules: contain the largest number of clusters.
-    """
-    kept = found[: rules.max_clusters - 1]
-    now = moved_pose(prior.pose, prior.sample.odom_from_robot, found[0].sample.odom_from_robot)
-    left = 1.0 - prior.share
-    return [
-        *((replace(place, share=left * place.share), "first search") for place in kept),
-        (replace(prior, pose=now), "prior pose"),
-    ]

@@ -8,7 +8,7 @@ from clustermcl.belief.admission import (
     MOST_LOG,
     Admission,
     admission,
-    first_places,
+    first_candidates,
     log_weight_of_held,
 )
 from clustermcl.belief.cluster_set import Cluster, ClusterSet
@@ -177,7 +177,8 @@ def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
 
 
 def first_shares(found: Pool, **belief: object) -> list[float]:
-    return [place.share for place in first_places(found, replace(SETTINGS.belief, **belief))]
+    rules = replace(SETTINGS.belief, **belief)
+    return [place.share for place, _ in first_candidates(found, None, rules)]
 
 
 def test_first_places_are_limited_in_number_and_by_probability() -> None:

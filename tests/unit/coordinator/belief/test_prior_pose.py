@@ -1,24 +1,25 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
+from clustermcl.belief.admission import first_candidates
 from clustermcl.belief.cluster_set import Candidate
 from clustermcl.belief.ensemble import Ensemble
-from clustermcl.belief.given_places import candidate, with_prior_pose
+from clustermcl.belief.given_places import candidate
+from clustermcl.belief.search_pool import Pool
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.job_events import Began
-from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.work import Place
-from tests.unit.coordinator.reports import literal_bayes, place, searched
+from tests.unit.coordinator.reports import literal_bayes, place, pool_of, searched
 
 RULES = FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(max_clusters=3))
 ORIGIN = (0.0, 0.0, 0.0)
 OFFER = place(0.1, (5.0, 5.0, 0.0), 4)
 
 
-def found(*places: tuple[float, PoseTuple]) -> list[Place]:
-    return [place(share, mean, 9) for share, mean in places]
+def with_prior_pose(found: Pool) -> list[Candidate]:
+    return first_candidates(found, OFFER, RULES.belief)
 
 
 def shares(candidates: list[Candidate]) -> list[float]:
@@ -42,8 +43,7 @@ def test_the_particles_of_a_given_place_are_those_of_its_covariance_and_its_step
 
 
 def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
-    places = found((0.6, (1.0, 1.0, 0.0)), (0.4, (9.0, 1.0, 0.0)))
-    both = with_prior_pose(places, OFFER, RULES.belief)
+    both = with_prior_pose(pool_of((0.6, (1.0, 1.0, 0.0)), (0.4, (9.0, 1.0, 0.0)), step=9))
     assert shares(both) == pytest.approx([0.54, 0.36, 0.1])
     assert [cause for _, cause in both] == ["first search", "first search", "prior pose"]
     offered, _ = both[2]
@@ -52,14 +52,14 @@ def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
 
 
 def test_a_prior_pose_replaces_the_least_probable_place() -> None:
-    three = found((0.5, (1.0, 1.0, 0.0)), (0.3, (9.0, 1.0, 0.0)), (0.2, (9.0, 9.0, 0.0)))
-    assert shares(with_prior_pose(three, OFFER, RULES.belief)) == pytest.approx([0.45, 0.27, 0.1])
+    places = (0.5, (1.0, 1.0, 0.0)), (0.3, (9.0, 1.0, 0.0)), (0.2, (9.0, 9.0, 0.0))
+    assert shares(with_prior_pose(pool_of(*places, step=9))) == pytest.approx([0.45, 0.27, 0.1])
 
 
 def test_a_prior_pose_is_moved_by_odometry() -> None:
-    (there,) = found((1.0, ORIGIN))
-    later = replace(there, sample=replace(there.sample, odom_from_robot=(2.0, 0.0, 0.0)))
-    _, (offered, _) = with_prior_pose([later], OFFER, RULES.belief)
+    found = pool_of((1.0, ORIGIN), step=9)
+    moved = replace(found.views, odom_from_robot=(2.0, 0.0, 0.0))
+    _, (offered, _) = with_prior_pose(replace(found, views=moved))
     assert offered.pose == pytest.approx((7.0, 5.0, 0.0))
 
 
