@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Points, Pose
 from clustermcl.filter.kernels.compiled import ToCells, kernel, plain, read_only
-from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, always_meets, slack_turns
+from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, always_meets
 from clustermcl.filter.laser.pyramid import Level
 from clustermcl.filter.laser.ray_casting import JumpField, cast_ray, flat
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
@@ -60,7 +60,7 @@ def _fit(
     margin: float,
     fits: NDArray[np.uint8],
 ) -> None:
-    (c, s, x0, y0), ahead, turns = in_cells, flat(jumps), slack_turns()
+    (c, s, x0, y0), ahead = in_cells, flat(jumps)
     rows, cols = jumps.shape[1], jumps.shape[2]
     side = level.shape[0]
     ch, sh = cos(pose[2]), sin(pose[2])
@@ -81,6 +81,6 @@ def _fit(
         code &= 0xFC
         if share > 0.0 and cast_ray(ahead, from_col, from_row, dx, dy, share) < share:
             code |= THROUGH
-            if always_meets(ahead, (from_col, from_row), (dx, dy), share, turns):
+            if always_meets(ahead, (from_col, from_row), (dx, dy), share):
                 code |= OCCLUDED
         fits[j] = code

@@ -19,6 +19,9 @@ OCCLUSION_MARGIN_M = 0.45
 OCCLUSION_SLACK_RAD = 0.05
 """An end is occluded only if rays turned by this to either side are cut off too [rad]: if the pose
 is slightly wrong, a ray along a wall may enter it for metres, but then one neighbour does not."""
+_SLACK, _BACK = OCCLUSION_SLACK_RAD, -2.0 * OCCLUSION_SLACK_RAD
+_TURNS = (1.0, 0.0), (cos(_SLACK), sin(_SLACK)), (cos(_BACK), sin(_BACK))
+"""Cosine and sine of the turns to a ray itself, and then to one on either side."""
 
 
 @kernel
@@ -36,7 +39,7 @@ def occluded_scores(
     """Return (N,) scores of occluded beams; `margin` is in cells."""
     c, s, x0, y0 = in_cells
     rows, cols = jumps.shape[1], jumps.shape[2]
-    sums, ahead, turns = np.zeros(len(poses)), flat(jumps), slack_turns()
+    sums, ahead = np.zeros(len(poses)), flat(jumps)
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         laser_x = poses[i, 0] + ch * laser[0] - sh * laser[1]
@@ -55,29 +58,18 @@ def occluded_scores(
             share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
             if not (code > 0 and share > 0.0):
                 continue
-            if always_meets(ahead, (from_col, from_row), (dx, dy), share, turns):
+            if always_meets(ahead, (from_col, from_row), (dx, dy), share):
                 sums[i] += code * (log_step * stride)
     return sums
 
 
 @kernel
-def slack_turns() -> tuple[tuple[float, float], ...]:
-    """Return cosine and sine of the turns to a ray itself, and to one slightly to either side."""
-    slack, back = OCCLUSION_SLACK_RAD, -2.0 * OCCLUSION_SLACK_RAD
-    return (1.0, 0.0), (cos(slack), sin(slack)), (cos(back), sin(back))
-
-
-@kernel
 def always_meets(
-    jumps: FlatJumps,
-    start: tuple[float, float],
-    way: tuple[float, float],
-    share: float,
-    turns: tuple[tuple[float, float], ...],
+    jumps: FlatJumps, start: tuple[float, float], way: tuple[float, float], share: float
 ) -> bool:
-    """Return whether a ray meets an obstacle after each of `turns`, applied one after the other."""
+    """Return whether a ray meets an obstacle, and so do rays turned slightly to either side."""
     dx, dy = way
-    for c, s in turns:
+    for c, s in _TURNS:
         dx, dy = c * dx - s * dy, s * dx + c * dy
         if not cast_ray(jumps, start[0], start[1], dx, dy, share) < share:
             return False
