@@ -218,9 +218,9 @@ class Ensemble(Part, kw_only=True):
         return self.outcome(step)
 
     def continue_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
-        """Replace all clusters by these places, whose shares sum to one."""
+        """Replace all clusters by these places; elsewhere has what their shares leave."""
         self._forget(step, cause)
-        self.clusters.take_from_elsewhere(1.0)
+        self.clusters.take_from_elsewhere(min(math.fsum(place.share for place in places), 1.0))
         self._admit([(place, "prior pose") for place in places], step)
         return self.outcome(step)
 

@@ -261,6 +261,12 @@ def test_after_a_given_pose_elsewhere_is_weighed_from_the_next_step_on() -> None
     assert outcome.begin[ELSEWHERE] == ElsewhereJob(first_step=8)
 
 
+def test_a_robot_that_is_lost_is_as_lost_on_a_new_map() -> None:
+    made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001, off_map_probability=0.05)
+    outcome = made.continue_from([place(0.1, SOUTH, 7)], 7, "new map")
+    assert outcome.elsewhere_probability == pytest.approx(0.9, abs=0.01)
+
+
 def test_the_published_belief_has_all_that_the_outcome_says_of_a_scan() -> None:
     outcome = replace(
         BEFORE_FIRST_STEP, step=4, state="lost", elsewhere_probability=0.5, searching=True,
