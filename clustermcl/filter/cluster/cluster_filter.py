@@ -96,7 +96,7 @@ def measurement_update(
     log_weights, total = multiplied(before, fit, exponent, penalty)
     best = _most_probable(particles, exponent * fit)
     if share < 1.0:
-        share *= share_by_fit(float(fit[best]) / beams.count, model.settings)
+        share *= share_by_fit(float(fit.max()) / beams.count, model.settings)
         log_weights, _ = multiplied(before, fit, share * exponent, penalty)
     return MeasurementUpdate(ParticleSet(poses, log_weights), total, poses[best])
 
