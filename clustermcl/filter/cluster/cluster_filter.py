@@ -18,7 +18,7 @@ from clustermcl.filter.resampling import resample, systematic
 from clustermcl.filter.settings import ClusterSettings, MotionSettings
 
 _LEAST_VARIANCE = 1e-6
-"""Added to a cloud's variances, so that equal particles have a density [m^2], [rad^2]."""
+"""Least variance of a cloud, so that equal particles have a density [m^2], [rad^2]."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,9 @@ def _most_probable(expected: ParticleSet, log_likelihood: LogWeights) -> int:
     mean, covariance = expected.gaussian()
     off = expected.map_from_robot - mean
     off[:, 2] = wrap_angle(off[:, 2])
-    scaled = off @ np.linalg.inv(covariance + _LEAST_VARIANCE * np.eye(3))
-    return int(np.argmax(log_likelihood - 0.5 * np.einsum("ni,ni->n", off, scaled)))
+    variances, axes = np.linalg.eigh(covariance)
+    scaled = off @ (axes / np.sqrt(np.maximum(variances, _LEAST_VARIANCE)))
+    return int(np.argmax(log_likelihood - 0.5 * np.einsum("ni,ni->n", scaled, scaled)))
 
 
 def new_share(before_from_after: Pose, settings: ClusterSettings) -> float:

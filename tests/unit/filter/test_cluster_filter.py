@@ -95,10 +95,14 @@ def test_the_most_probable_particle_is_one_where_the_others_are() -> None:
     assert math.dist(best[:2], HERE[:2]) < 0.25
 
 
-def test_equal_particles_have_a_most_probable_one() -> None:
-    cloud = ParticleSet.even(np.tile(HERE, (3, 1)))
+@pytest.mark.parametrize("apart_m", [0.0, 1e8])
+def test_equal_particles_and_those_far_away_on_a_line_have_a_most_probable_one(
+    apart_m: float,
+) -> None:
+    line = np.array([[0.0, 0.0, 0.0], [-apart_m, -apart_m, 0.0], [apart_m, apart_m, 0.0]])
     beams, model = seen_from(HERE, plain_room()), model_of(plain_room())
-    np.testing.assert_array_equal(measurement_update(cloud, beams, model, 0.2).best, HERE)
+    best = measurement_update(ParticleSet.even(HERE + line), beams, model, 0.2).best
+    np.testing.assert_array_equal(best, HERE)
 
 
 def test_occluded_beams_lower_the_evidence() -> None:
