@@ -15,7 +15,7 @@ from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
-from tests.unit.coordinator.reports import tracked
+from tests.unit.coordinator.reports import cloud_at, tracked
 
 WORKER = "worker-0"
 NO_NAME = "a worker\n"
@@ -106,12 +106,15 @@ class ForeignSender:
                 self._put(key, data)
         *_, scan = self.scans.values()
         report, old = keys.worker_report(WORKER), tracked("c0", scan.step, 1e9, ORIGIN, epoch=0)
+        no_weight = ArrayBlob.of(np.full(2, -math.inf), "float64")
+        weightless = msgspec.structs.replace(cloud_at(ORIGIN, scan.step), log_weights=no_weight)
         wrong: list[tuple[str, Message]] = [
             (keys.SCAN, msgspec.structs.replace(scan, map_digest=ANOTHER_MAP, step=scan.step + 1)),
             (keys.SCAN, msgspec.structs.replace(scan, angle_step_rad=NAN)),
             *((keys.SCAN, again) for again in reversed([*self.scans.values()][-4:])),
             (keys.worker_report(NO_NAME), old),
             (report, old),
+            (report, msgspec.structs.replace(old, snapshot=weightless)),
         ]
         for key, message in wrong:
             self._put(key, encode(message))
