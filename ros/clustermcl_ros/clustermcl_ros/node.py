@@ -71,6 +71,8 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
             self.create_subscription(kind, topic.name, self._receive(topic), _qos(topic.qos))
         for name, ros_type in SERVICES.items():
             self.create_service(class_of(ros_type), name, self._serve(name))
+        if self.settings.ros2.load_floor_maps:
+            self._map_loader()
         self.add_on_set_parameters_callback(self._on_set)
         backward = JumpThreshold(
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
@@ -217,17 +219,23 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         else:
             self._bond.end()
 
+    def _map_loader(self) -> Any:
+        """Return the client of map_server, which must exist before the first request: DDS loses
+        one that is made before it has found the server."""
+        if self._load_map is None:
+            kind = class_of("nav2_msgs/srv/LoadMap")
+            self._load_map = self.create_client(kind, "map_server/load_map")
+        return self._load_map
+
     def load_map(self, file: str) -> None:
         kind = class_of("nav2_msgs/srv/LoadMap")
-        if self._load_map is None:
-            self._load_map = self.create_client(kind, "map_server/load_map")
 
         def on_done(future: Any) -> None:
             result = future.result()
             failed = result is None or result.result != kind.Response.RESULT_SUCCESS
             self.port.on_map_loaded("map_server refuses it" if failed else "")
 
-        asked = self._load_map.call_async(kind.Request(map_url=file))
+        asked = self._map_loader().call_async(kind.Request(map_url=file))
         asked.add_done_callback(lambda future: self.later(lambda: on_done(future)))
 
     def refuse(self, cause: AnyCause, detail: str) -> None:

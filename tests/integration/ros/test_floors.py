@@ -29,6 +29,10 @@ class MapServer:
         self.may_answer = threading.Event()
         robot.node.create_service(LoadMap, "map_server/load_map", self._on_load)
 
+    @property
+    def clients(self) -> int:
+        return int(self._robot.node.count_clients("map_server/load_map"))
+
     def _on_load(self, request: Any, response: Any) -> Any:
         self.asked.append(request.map_url)
         self.may_answer.wait(PATIENCE_S)
@@ -49,6 +53,7 @@ def test_map_server_loads_the_floor_before_a_transform_is_published(
     drive = start_drive(parameters=parameters | {"ros2.initial_floor": "first"})
     floors = drive.robot.listen("amcl/floor", String, LATCHED)
     maps = drive.robot.listen("map", OccupancyGrid, LATCHED)
+    wait_until(lambda: server.clients)
     [stamp] = drive.drive(1)
     drive.robot.put_initial_pose(drive.truth[stamp])
     drive.drive_until(lambda: server.asked)
