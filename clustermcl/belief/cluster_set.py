@@ -16,6 +16,7 @@ from clustermcl.belief.familiarity import USUAL, Familiarity, Learned
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
+from clustermcl.filter.cluster.gaussian import share_near_mean
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, UsualFit
 from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
 from clustermcl.filter.poses import compose
@@ -152,6 +153,17 @@ class ClusterSet(Part):
     def by_probability(self) -> list[Cluster]:
         """Return the clusters, most probable first."""
         return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
+
+    def near(self, reach_m: float, reach_rad: float) -> tuple[list[float], float]:
+        """Return (K,) log probabilities that the robot is near each cluster's pose, and elsewhere.
+
+        Elsewhere has what the clouds have beyond this reach.
+        """
+        shares = [share_near_mean(c.covariance, reach_m, reach_rad) for c in self.all()]
+        each = list(zip(self.all(), shares, strict=True))
+        beyond = (cluster.probability * (1.0 - share) for cluster, share in each)
+        logs = [max(cluster.log_probability + log_of(share), LEAST_LOG) for cluster, share in each]
+        return logs, log_of(math.fsum([self.elsewhere, *beyond]))
 
     def follow(self, reports: Mapping[str, TrackReport]) -> None:
         """Move clusters to the poses of their reports; these confirm a given pose."""

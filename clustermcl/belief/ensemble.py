@@ -151,7 +151,7 @@ class Ensemble(Part, kw_only=True):
         if before_from_after is not None and observed is None and not is_given:
             news = new_share(before_from_after, self.settings.cluster)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
-        ledger = Ledger(self.clusters)
+        ledger = Ledger(self.clusters, self._reach)
         self.pieces = self.pieces.moved(self._motion(tracks, before_from_after))
         self.clusters.follow(tracks)
         if in_cabin:
@@ -375,13 +375,15 @@ class Ensemble(Part, kw_only=True):
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
         self.begin = {}
-        ordered = self.clusters.by_probability()
-        tracked = tuple(hypothesis_of(c, step) for c in ordered)
+        near, log_elsewhere = self.clusters.near(*self._reach)
+        each = zip(self.clusters.all(), near, strict=True)
+        tracked = [hypothesis_of(cluster, log_near, step) for cluster, log_near in each]
+        tracked.sort(key=lambda place: (-place.log_probability, place.cluster))
         return Outcome(
             step=step,
             state=self._state(tracked),
-            hypotheses=tracked,
-            elsewhere_probability=self.clusters.outside_clusters,
+            hypotheses=tuple(tracked),
+            elsewhere_probability=math.exp(log_elsewhere) + self.clusters.off_map,
             off_map_probability=self.clusters.off_map,
             searching=self.search.runs,
             missing=missing,
@@ -393,10 +395,10 @@ class Ensemble(Part, kw_only=True):
             },
             events=events,
             search_progress=self.search.progress,
-            why=ledger.why([c.cluster for c in ordered]) if ledger else Why(),
+            why=ledger.why([place.cluster for place in tracked]) if ledger else Why(),
         )
 
-    def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
+    def _state(self, hypotheses: Sequence[Hypothesis]) -> State:
         if not len(self.clusters):
             return "searching"
         if self._lost:  # while the first search runs, nothing was lost
@@ -405,6 +407,13 @@ class Ensemble(Part, kw_only=True):
             return "searching"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
+
+    @property
+    def _reach(self) -> tuple[float, float]:
+        """How far from its pose the robot is at a place [m], [rad]; without bound in the paper."""
+        if self.settings.belief.kidnapping_probability == 0.0:
+            return math.inf, math.inf
+        return self.settings.search.source_radius_m, self.settings.search.source_heading_rad
 
     @property
     def _is_patient(self) -> bool:

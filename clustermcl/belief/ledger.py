@@ -12,6 +12,7 @@ from clustermcl.protocol.why import Why
 MOST = 500.0
 """Bound of log odds: what is certain has no finite ones [nat]."""
 DIGITS = 3
+_WIDTH = "width of the cloud"
 _OUTSIDE = (-2, -1)
 """Elsewhere and off the map, among numbers of clusters."""
 
@@ -22,18 +23,27 @@ class Ledger:
     It computes nothing before the end of a step. Arrays of a few numbers are slower than lists.
     """
 
-    def __init__(self, clusters: ClusterSet) -> None:
-        self._clusters = clusters
+    def __init__(
+        self, clusters: ClusterSet, reach: tuple[float, float] = (math.inf, math.inf)
+    ) -> None:
+        self._clusters, self._reach = clusters, reach
         self._entries: list[tuple[str, tuple[int, ...], list[float]]] = []
         self._facts: dict[str, NDArray[np.float64] | float] = {}
         self._with_facts: tuple[int, ...] = ()
-        self.note("")
+        self._note_near("")
+        self.note(_WIDTH)
 
     def note(self, cause: str) -> None:
         """Attribute all changes of the clusters since the last note to a cause."""
         held = self._clusters
         logs = [cluster.log_probability for cluster in held.clusters.values()]
         logs += (held.log_elsewhere, held.log_off_map)
+        self._entries.append((cause, (*held.clusters, *_OUTSIDE), logs))
+
+    def _note_near(self, cause: str) -> None:
+        held = self._clusters
+        near, log_elsewhere = held.near(*self._reach)
+        logs = [*near, log_elsewhere, held.log_off_map]
         self._entries.append((cause, (*held.clusters, *_OUTSIDE), logs))
 
     def note_update(
@@ -63,6 +73,7 @@ class Ledger:
 
     def why(self, numbers: Sequence[int]) -> Why:
         """Return all changes, in the order of these clusters: the hypotheses."""
+        self._note_near(_WIDTH)
         kept = (*numbers, *_OUTSIDE)
         (_, of, logs), *rest = self._entries
         before = dict(zip(of, log_odds(logs), strict=True))
@@ -70,10 +81,12 @@ class Ledger:
         for cause, of, logs in rest:
             after = dict(zip(of, log_odds(logs), strict=True))
             change = [after.get(n, 0.0) - before.get(n, 0.0) for n in kept]
-            if any(change):
-                changes[cause] = [round(nat, DIGITS) for nat in change]
+            so_far = changes.get(cause, [0.0] * len(kept))
+            changes[cause] = [sum(each) for each in zip(so_far, change, strict=True)]
             before = after
-        return Why({cause: tuple(of) for cause, of in changes.items()}, self._shown_facts(numbers))
+        shown = {cause: tuple(round(nat, DIGITS) for nat in of) for cause, of in changes.items()}
+        shown = {cause: of for cause, of in shown.items() if any(of)}
+        return Why(shown, self._shown_facts(numbers))
 
     def _shown_facts(self, numbers: Sequence[int]) -> dict[str, tuple[float, ...]]:
         """Return the facts in the order of these clusters; 0 where a cluster has none."""

@@ -1,5 +1,7 @@
 """The result of a step, and the messages that publish it."""
 
+import math
+
 import msgspec
 
 from clustermcl.belief.cluster_set import Cluster
@@ -77,11 +79,11 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
     )
 
 
-def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
+def hypothesis_of(cluster: Cluster, log_probability: float, step: int) -> Hypothesis:
     return Hypothesis(
         cluster=cluster.cluster,
-        probability=cluster.probability,
-        log_probability=cluster.log_probability,
+        probability=math.exp(log_probability),
+        log_probability=log_probability,
         pose=cluster.pose,
         covariance=cluster.covariance,
         effective_sample_size=cluster.effective_sample_size,

@@ -74,7 +74,8 @@ class Hypothesis(HasPose, Part, frozen=True, kw_only=True):
     cluster: int
     """Number of its cluster, never reused; negative: a candidate of a running search."""
     probability: float
-    """Probability that the robot is there."""
+    """Probability that the robot is there: within `search.source_radius_m` along both axes of the
+    ellipse of its position, and within `search.source_heading_rad`."""
     log_probability: float
     """Natural logarithm of `probability`; does not underflow."""
     pose: PoseTuple

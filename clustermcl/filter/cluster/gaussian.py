@@ -1,6 +1,7 @@
 """Fits a Gaussian to the particles of a cluster: the estimate of the robot's pose."""
 
-from math import atan2, cos, floor, pi, sin
+from collections.abc import Sequence
+from math import atan2, cos, erf, floor, hypot, pi, prod, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,22 @@ def fit_gaussians(
     _moments(plain(poses), plain(weights), ends, totals, means, covariances)
     means[:, 2] = wrap_angle(means[:, 2])
     return means, covariances
+
+
+def share_near_mean(covariance: Sequence[float], reach_m: float, reach_rad: float) -> float:
+    """Return the share of a Gaussian that is near its mean.
+
+    Near is within `reach_m` along both axes of the ellipse of its position, and within `reach_rad`.
+
+    Args:
+        covariance: (9,) row by row [m^2, m rad, rad^2].
+        reach_m: positive distance [m].
+        reach_rad: positive angle [rad].
+    """
+    xx, xy, _, _, yy, _, _, _, turn = covariance
+    middle, half = (xx + yy) / 2.0, hypot((xx - yy) / 2.0, xy)
+    reaches = ((middle + half, reach_m), (max(middle - half, 0.0), reach_m), (turn, reach_rad))
+    return prod(erf(reach / sqrt(2.0 * variance)) for variance, reach in reaches if variance > 0.0)
 
 
 @kernel

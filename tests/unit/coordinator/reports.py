@@ -88,7 +88,7 @@ def free_everywhere(map_digest: str = "map") -> FreeGround:
     return replace(ground, map_digest=map_digest)
 
 
-NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+NO_SPREAD = (1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4)
 
 
 def scan(step: int, *, x_m: float = 0.0, digest: str = "map", **more: Any) -> Scan:

@@ -84,12 +84,12 @@ def test_covariances_are_moved_by_odometry_as_poses_are() -> None:
     moved = between(np.array(odom_before), np.array(odom_after))
     turned = [compose(np.array([2.0, 3.0, 0.7 + d]), moved) for d in (1e-6, -1e-6)]
     by_heading = (turned[0] - turned[1]) / 2e-6
-    expected = 0.01 * (np.diag([1.0, 1.0, 0.0]) + np.outer(by_heading, by_heading))
+    expected = NO_SPREAD[0] * (np.diag([1.0, 1.0, 0.0]) + np.outer(by_heading, by_heading))
     tracker = believed_at(mean, odom_from_robot=odom_before)
     tracker.odometry(2 * SECOND, odom_after, now_ns=SECOND)
     covariance = answer(tracker, 1).covariance
     assert covariance is not None
-    np.testing.assert_allclose(np.reshape(covariance, (3, 3)), expected, atol=1e-8)
+    np.testing.assert_allclose(np.reshape(covariance, (3, 3)), expected, atol=1e-6 * NO_SPREAD[0])
 
 
 def test_old_data_is_stale_and_has_its_age() -> None:

@@ -1,3 +1,4 @@
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Poses
-from clustermcl.filter.cluster.gaussian import fit_gaussian, fit_gaussians
+from clustermcl.filter.cluster.gaussian import fit_gaussian, fit_gaussians, share_near_mean
 from tests.unit.filter import naive
 
 clouds = arrays(np.float64, (6, 3), elements=st.floats(-1, 1))
@@ -59,3 +60,24 @@ def test_the_gaussian_of_a_part_equals_that_of_its_particles_alone() -> None:
         np.testing.assert_allclose(covariances[part], covariance, atol=1e-12)
     assert np.isfinite(means).all()
     assert np.isfinite(covariances).all()
+
+
+def test_the_share_near_the_mean_is_that_of_drawn_poses() -> None:
+    turned, spread = np.radians(35.0), np.array([1.3, 0.6, 0.4])
+    c, s = np.cos(turned), np.sin(turned)
+    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    covariance = axes @ np.diag(spread**2) @ axes.T
+    drawn = np.random.default_rng(1).standard_normal((100_000, 3)) * spread
+    near = (np.abs(drawn) < [1.0, 1.0, 0.5]).all(axis=1).mean()
+    # The standard error is 0.0016; four times that.
+    assert share_near_mean(covariance.ravel().tolist(), 1.0, 0.5) == pytest.approx(near, abs=6e-3)
+
+
+@pytest.mark.parametrize("variance", [0.0, -1.0, 1e-300])
+def test_a_cloud_without_width_is_near_its_mean(variance: float) -> None:
+    assert share_near_mean([variance] * 9, 1.0, 0.5) == 1.0
+
+
+def test_no_width_is_too_large_and_no_reach() -> None:
+    assert share_near_mean([1e308] * 9, 1.0, 0.5) == pytest.approx(0.0, abs=1e-100)
+    assert share_near_mean(np.eye(3).ravel().tolist(), math.inf, math.inf) == 1.0

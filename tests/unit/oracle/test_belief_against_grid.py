@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from clustermcl.filter.arrays import Cells
+from clustermcl.filter.cluster.gaussian import share_near_mean
 from tests.unit.oracle.grid_filter import Array, assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
     DRIVE,
@@ -57,12 +58,18 @@ def log_odds(
     for seed in SEEDS:
         given = settings(seed, **belief)
         *_, (outcome, _) = ensemble_steps(cells, drive(room), found, given, missing=missing)
-        logs = {h.cluster: h.log_probability for h in outcome.hypotheses}
-        reported = [math.exp(value) for value in logs.values()]
+        reported = [each.probability for each in outcome.hypotheses]
         assert math.fsum([*reported, outcome.elsewhere_probability]) == pytest.approx(1.0)
+        lifted = given.belief.kidnapping_probability > 0.0
+        reach = (given.search.source_radius_m, given.search.source_heading_rad)
+        logs, beyond = {}, 0.0
+        for each in outcome.hypotheses:  # the exact filter's places have no bound
+            share = share_near_mean(each.covariance, *reach) if lifted else 1.0
+            logs[each.cluster] = each.log_probability - math.log(share)
+            beyond += math.exp(logs[each.cluster]) - each.probability
         others = [logs[cluster] for cluster in sorted(logs)[1:]]
-        if given.belief.kidnapping_probability > 0.0:
-            others.append(math.log(outcome.elsewhere_probability))
+        if lifted:
+            others.append(math.log(outcome.elsewhere_probability - beyond))
         odds.append([other - logs[0] for other in others])
     return odds
 

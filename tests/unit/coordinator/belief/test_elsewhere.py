@@ -185,6 +185,28 @@ def test_a_given_pose_replaces_the_belief() -> None:
     assert set(outcome.begin) == {"c2", "e0"}
 
 
+@pytest.mark.parametrize(("spread_m", "state"), [(0.1, "localized"), (1.5, "ambiguous")])
+def test_a_robot_in_a_wide_cloud_may_be_beyond_the_reach_of_its_place(
+    spread_m: float, state: str
+) -> None:
+    made = bootstrapped({NORTH: 0.97})
+    wide = (spread_m**2, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+    report = replace(tracked("c0", 1, 1.0, NORTH), covariance=wide)
+    outcome = made.advance(1, [report, elsewhere(1, -3.0)])
+    assert outcome.state == state
+    share = math.erf(1.0 / (math.sqrt(2.0) * spread_m))
+    assert believed(outcome)[0] == pytest.approx(share * made.clusters.clusters[0].probability)
+    assert made.clusters.clusters[0].probability > 0.95, "what is tracked is as probable as before"
+    assert outcome.why.of(0).get("width of the cloud", 0.0) == pytest.approx(
+        log_odds_of(believed(outcome)[0]) - log_odds_of(made.clusters.clusters[0].probability),
+        abs=2e-3,
+    )
+
+
+def log_odds_of(probability: float) -> float:
+    return math.log(probability / (1.0 - probability))
+
+
 @pytest.mark.parametrize(
     ("log_fits", "log_elsewhere", "fails"),
     [
