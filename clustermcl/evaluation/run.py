@@ -49,6 +49,10 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
     floor: str = ""
     """Floor of `map` in which the robot drives, if that is a building and the world is not."""
 
+    def simulation(self, seed: int) -> Simulation:
+        """Return the robot in its world; a robot of another kind overrides it."""
+        return Simulation(simulated_world(Simulated(self.world)), seed)
+
 
 class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """A recording of a robot, with its map and perhaps the ground truth."""
@@ -86,7 +90,7 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
     """Begin a run; a file that cannot be used may raise its error only at the first step."""
     match case.robot:
         case SimulatedRobot() as robot:
-            simulation = Simulation(simulated_world(Simulated(robot.world)), seed)
+            simulation = robot.simulation(seed)
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
             known: Iterator[TrueStep] = simulated_steps(
                 simulation, settings, grid_map, steps=case.updates
