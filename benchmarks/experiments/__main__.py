@@ -96,16 +96,9 @@ def experiments(
         return
     span = None if seeds is None else range(first_seed, first_seed + seeds)
     chosen = [algorithm_named(name) for name in algorithms or ()]
-    table = RunTable(output)
+    settings, table = load_settings(settings_file, assignments or ()), RunTable(output)
     tasks = [
-        task
-        for task in tasks_of(
-            cases,
-            chosen,
-            span,
-            lambda own: load_settings(settings_file, [*(assignments or ()), *own]),
-        )
-        if key_of(task) not in table.done
+        task for task in tasks_of(cases, chosen, span, settings) if key_of(task) not in table.done
     ]
     stop = stop_on_signals(exit_after_s=5.0)
     done = in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop)

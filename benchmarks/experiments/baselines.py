@@ -1,11 +1,11 @@
 """Baselines of the experiments: the paper's letter, and additions to ordinary MCL.
 
-The additions are visibility in each particle's weight, other gains, and KLD-sampling.
+The additions are other gains and KLD-sampling.
 """
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,9 +16,9 @@ from benchmarks.experiments.case import Algorithm
 from benchmarks.experiments.mcl import OrdinaryMCL, RecoveryGains, kept_particles
 from clustermcl.belief.outcome import Outcome
 from clustermcl.evaluation.run import Outcomes
-from clustermcl.filter.arrays import LogWeights, Poses
+from clustermcl.filter.arrays import Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process
 from clustermcl.jobs.in_process import InProcess
@@ -57,13 +57,13 @@ class SquaredPrior(InProcess):
 def to_the_letter(settings: FilterSettings) -> FilterSettings:
     """Return the settings without the departures of docs/paper.md.
 
-    Beams are independent and ignore occlusion, every step resamples, the prior of a cluster is
+    Beams are independent, every step resamples, the prior of a cluster is
     squared (eq. 17), evidence is not tempered, K clusters are kept, particles never change their
     cluster (eq. 14) and kidnapping is impossible.
     """
     return changed(
         settings,
-        sensor=changed(settings.sensor, scan_likelihood_exponent=1.0, visibility_particles=0),
+        sensor=changed(settings.sensor, scan_likelihood_exponent=1.0),
         cluster=changed(
             settings.cluster, particles=PARTICLES, resample_below_ess=1.0, view_distance_m=0.0
         ),
@@ -78,37 +78,11 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class VisibleFieldModel(SensorModel):
-    """Weighs poses by the field and by occlusion.
-
-    Cluster-MCL corrects the evidence of whole clusters for occluded ends, by an average over a few
-    poses (`correction`). A single particle set has no such evidence, so each pose's weight is
-    corrected: by the same share of the same sum, with the same tolerance.
-    """
-
-    most_poses: int
-    """Most poses for which rays are cast; more, as in a search's first steps, use only the field,
-    which is a hundred times faster."""
-
-    def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
-        field = super().log_likelihood(map_from_robot, beams)
-        if len(map_from_robot) > self.most_poses:
-            return field
-        tolerated = self.settings.occlusion_tolerance * beams.count
-        occluded = np.maximum(self.occluded(map_from_robot, beams) - tolerated, 0.0)
-        return np.asarray(field - self.settings.occlusion_weight * occluded)
-
-
 KLD_ERROR, KLD_LEAST_PARTICLES = 0.05, 500
 """nav2's `pf_err` and `min_particles`; the maximum is the number without KLD-sampling."""
 KLD_BIN_M, KLD_BIN_RAD = 0.1, math.radians(5.0)
 KLD_UPPER_QUANTILE = 2.326
 """Of the standard normal distribution at 0.99: the bound holds with this probability."""
-RAYS_PER_POSE = 6
-"""Beams cast per pose, different ones for neighbouring poses: a weight errs by 0.2 nat, and a step
-takes a third of the time that half of all beams would."""
 TUNED_GAINS = RecoveryGains(slow=0.01, fast=0.3)
 """Tuned by us, on seeds that no experiment uses; docs/decisions.md."""
 
@@ -154,40 +128,13 @@ def sufficient_particles(map_from_robot: Poses, error: float, least: int, most: 
     return min(max(math.ceil(count), least), most)
 
 
-def with_visibility(model: SensorModel, settings: FilterSettings) -> SensorModel:
-    """Return the model that penalises occluded ends."""
-    if model.settings.visibility_particles == 0:
-        return model
-    sensor = changed(
-        model.settings, visibility_beam_stride=max(model.settings.max_beams // RAYS_PER_POSE, 1)
-    )
-    most = kept_particles(settings)
-    return VisibleFieldModel(model.grid, sensor, model.pyramid, model.jumps, model.field, most)
-
-
-def visible_outcomes(
-    scans: Iterable[Scan],
-    model: SensorModel,
-    settings: FilterSettings,
-    gains: RecoveryGains | None = None,
-    filter_class: type[OrdinaryMCL] = OrdinaryMCL,
-) -> Iterator[tuple[Scan, Outcome]]:
-    """Yield the belief of ordinary MCL with visibility after every step."""
-    followed = filter_class(with_visibility(model, settings), settings, gains)
-    for scan in scans:
-        yield scan, followed.advance(scan)
-
-
 ALGORITHMS: dict[Algorithm, Outcomes] = {
     "cluster-mcl": in_process.outcomes,
     "paper-letter": letter_outcomes,
     "mcl": mcl.outcomes,
-    "mcl-visibility": visible_outcomes,
     "amcl": partial(mcl.outcomes, gains=mcl.AMCL_GAINS),
-    "amcl-visibility": partial(visible_outcomes, gains=mcl.AMCL_GAINS),
-    "amcl-tuned": partial(visible_outcomes, gains=TUNED_GAINS),
-    "amcl-kld": partial(visible_outcomes, gains=mcl.AMCL_GAINS, filter_class=KldSampling),
+    "amcl-tuned": partial(mcl.outcomes, gains=TUNED_GAINS),
+    "amcl-kld": partial(mcl.outcomes, gains=mcl.AMCL_GAINS, filter_class=KldSampling),
 }
-"""Cluster-MCL; the same exactly as in the paper; ordinary MCL, plain and with visibility; both
-with augmented recovery; with our recovery gains and visibility; with KLD-sampling and
-visibility."""
+"""Cluster-MCL; the same exactly as in the paper; ordinary MCL; with augmented recovery; with our
+recovery gains; with KLD-sampling."""

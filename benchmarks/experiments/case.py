@@ -15,9 +15,7 @@ Algorithm = Literal[
     "cluster-mcl",
     "paper-letter",
     "mcl",
-    "mcl-visibility",
     "amcl",
-    "amcl-visibility",
     "amcl-tuned",
     "amcl-kld",
 ]
@@ -25,17 +23,13 @@ NAMES: dict[Algorithm, str] = {
     "cluster-mcl": "Cluster-MCL",
     "paper-letter": "the paper's letter",
     "mcl": "ordinary MCL",
-    "mcl-visibility": "MCL with visibility",
     "amcl": "augmented MCL",
-    "amcl-visibility": "augmented MCL with visibility",
-    "amcl-tuned": "augmented MCL with visibility, own gains",
-    "amcl-kld": "augmented MCL with visibility, KLD-sampling",
+    "amcl-tuned": "augmented MCL, own gains",
+    "amcl-kld": "augmented MCL, KLD-sampling",
 }
 
-BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl-visibility")
-"""Baselines: the paper's version, the textbook filter, and one with all our components."""
-ALIKE_BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl")
-"""Baselines in exactly symmetric worlds, where visibility adds no information."""
+BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl")
+"""Baselines: the paper's version, the textbook filter, and one that recovers."""
 Role = Literal["training", "validation", "test"]
 """Training: constants were fitted on it. Validation: it was observed meanwhile. Test: it never
 influenced a choice."""
@@ -83,8 +77,6 @@ class Case(run.Case, frozen=True, kw_only=True):
     """The map is k-fold symmetric, or nearly so."""
     has_feature: bool = False
     """Whether a feature of the map distinguishes the symmetric poses."""
-    settings: tuple[str, ...] = ()
-    """Settings of the experiment, `section.key=value`."""
 
     @property
     def algorithms(self) -> tuple[Algorithm, ...]:

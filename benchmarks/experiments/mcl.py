@@ -214,9 +214,10 @@ def outcomes(
     model: SensorModel,
     settings: FilterSettings,
     gains: RecoveryGains | None = None,
+    filter_class: type[OrdinaryMCL] = OrdinaryMCL,
 ) -> Iterator[tuple[Scan, Outcome]]:
     """Yield the belief after every step; arguments as for `OrdinaryMCL`."""
-    mcl = OrdinaryMCL(model, settings, gains)
+    mcl = filter_class(model, settings, gains)
     for scan in scans:
         yield scan, mcl.advance(scan)
 

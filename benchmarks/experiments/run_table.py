@@ -5,7 +5,7 @@ resumed by the same command, and a table can grow by seeds and algorithms.
 """
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ def tasks_of(
     cases: Sequence[Case],
     algorithms: Sequence[Algorithm],
     seeds: range | None,
-    settings_of: Callable[[Sequence[str]], Settings],
+    settings: Settings,
 ) -> list[Task]:
     """All runs, the first seed of each experiment first: a table cut short has some of everything.
 
@@ -44,7 +44,7 @@ def tasks_of(
         cases: the experiments.
         algorithms: to run; none: each experiment's own.
         seeds: to run; None: as many as each experiment has.
-        settings_of: the settings, with an experiment's own assignments over them.
+        settings: of all of them.
     """
     found = [
         (
@@ -52,7 +52,6 @@ def tasks_of(
             Task(case=case, algorithm=algorithm, seed=seed, settings=settings, start_step=start),
         )
         for case in cases
-        for settings in [settings_of(case.settings)]
         for starts in [_starts_of(case, settings)]
         for algorithm in algorithms or case.algorithms
         for index, seed in enumerate(seeds or range(case.seeds))

@@ -51,14 +51,6 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Share of random beams."""
     max_obstacle_distance_m: Positive = 2.0
     """Larger distances to an obstacle count as this one [m]."""
-    visibility_particles: Annotated[int, Meta(ge=0, le=100_000)] = 50
-    """Particles of a cluster that check beams for occlusion; 0: none."""
-    visibility_beam_stride: PositiveInt = 5
-    """Each of them checks every n-th beam."""
-    occlusion_weight: Share = 0.1
-    """Share of the score of occluded beams that the evidence loses."""
-    occlusion_tolerance: NotNegative = 0.1
-    """Score of occluded beams that is tolerated [nat/beam]."""
     not_free_log_penalty: Annotated[float, Meta(le=0)] = -1.0
     """Log-weight of a particle on occupied or unknown ground, at each step."""
 

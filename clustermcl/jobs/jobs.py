@@ -18,14 +18,14 @@ from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.laser.beam_fits import beam_fits
 from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
-from clustermcl.filter.log_weights import log_sum, multiplied
+from clustermcl.filter.log_weights import multiplied
 from clustermcl.filter.observations.likelihood import allowed_poses, log_ratios
 from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search import global_search, places
 from clustermcl.filter.search.uniform_poses import UniformPoses
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.filter.slices import Slices, WorkMeter, finished
+from clustermcl.filter.slices import Slices, finished
 from clustermcl.jobs.scan_arrays import ScanArrays, observation_arrays, observed, scan_beams
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
@@ -238,7 +238,7 @@ class Elsewhere(RunningJob):
         self._poses = UniformPoses(self._model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> work.ElsewhereReport:
-        """Report the log of the average likelihood over the poses, corrected as for a cluster."""
+        """Report the log of the average likelihood over the poses."""
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = self._arrays.once(scan_beams, scan, self._model)
@@ -247,8 +247,7 @@ class Elsewhere(RunningJob):
         result = cluster_filter.measurement_update(
             ParticleSet.even(poses), beams, self._model, exponent
         )
-        correction = self._model.correction(poses, result.particles.weights, beams)
-        log_likelihood = result.log_weight_sum - math.log(len(poses)) - correction
+        log_likelihood = result.log_weight_sum - math.log(len(poses))
         log_observed, found = self._observed(scan, beams, log_likelihood, rng)
         return work.ElsewhereReport(
             **self._head(scan.step),
@@ -272,19 +271,13 @@ class Elsewhere(RunningJob):
         if not len(poses):
             return log_average, None
         log_weights += log_ratios(poses, self._arrays.once(observation_arrays, scan, model))
-        exponent, rules = scan_exponent(beams.count, model.settings), self._settings.search
+        exponent = scan_exponent(beams.count, model.settings)
         particles = ParticleSet(poses, log_weights)
         result = cluster_filter.measurement_update(particles, beams, model, exponent)
-        weighed = result.particles.log_weights
-        labels, _, correction = finished(
-            global_search.corrections(poses, weighed, model, beams, rules, WorkMeter())
-        )
-        corrected = weighed - correction
-        log_both = result.log_weight_sum + log_sum(corrected) - log_sum(weighed) - math.log(count)
+        log_both = result.log_weight_sum - math.log(count)
         log_joint = log_both - log_likelihood
         log_observed = max(log_joint, log_average)
-        after = ParticleSet(poses, corrected)
-        found = finished(places.found_places(after, labels, self._settings, rng))
+        found = places.places_of(result.particles, self._settings, rng)
         return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
 
     def handed_on(self) -> work.Assignment:

@@ -1,7 +1,7 @@
 """One cluster by ordinary MCL: resample, move, weigh (section 2 of the paper)."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -156,10 +156,7 @@ def mcl_step(
     exponent = scan_exponent(beams.count, model.settings)
     share = 1.0 if is_first else new_share(before_from_after, settings)
     after_motion = ParticleSet(moved, particles.log_weights)
-    result = measurement_update(after_motion, beams, model, exponent, share)
-    after = result.particles
-    correction = model.correction(after.map_from_robot, after.weights, beams)
-    return replace(result, log_weight_sum=result.log_weight_sum - correction)
+    return measurement_update(after_motion, beams, model, exponent, share)
 
 
 def regularised_resample(

@@ -1,9 +1,8 @@
-"""The sensor model: the likelihood field, corrected for occlusion."""
+"""The sensor model: the likelihood field of a map, and the beams of a scan that it weighs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -12,12 +11,9 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels.compiled import ToCells, checked, kernel, plain
-from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
-from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, occluded_scores
 from clustermcl.filter.laser.pyramid import Pyramid
 from clustermcl.filter.laser.ray_casting import JumpField, jump_field
-from clustermcl.filter.resampling import systematic
 from clustermcl.filter.settings import SensorSettings
 
 MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
@@ -134,56 +130,6 @@ class SensorModel:
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""
         return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
-
-    def correction(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
-    ) -> float:
-        """Return the amount to subtract from a cluster's log evidence [nat].
-
-        It is a share of the mean score of the beams whose ends are occluded, times the factor
-        `scan_exponent`. The mean is estimated from a systematic sample of the particles, minus a
-        tolerance, because neither poses nor maps are exact.
-        The (N, 3) poses are those after the scan; their (N,) weights sum to one. `sharers` callers
-        share the work, as the shards of a search.
-        """
-        of = self.settings
-        # So many that all beams are checked equally often.
-        count = of.visibility_beam_stride * ceil(
-            of.visibility_particles / (of.visibility_beam_stride * sharers)
-        )
-        count = min(count, of.visibility_particles)
-        if count == 0 or beams.count == 0:
-            return 0.0
-        chosen = systematic(weights, count, 0.5)
-        occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
-        tolerated = of.occlusion_tolerance * beams.count
-        mean = max(float(np.add.reduce(occluded)) / count - tolerated, 0.0)
-        return scan_exponent(beams.count, of) * of.occlusion_weight * mean
-
-    def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """Return (N,) the part of each pose's `log_likelihood` from occluded beams [nat].
-
-        An end is occluded if its ray and both neighbours of the ray meet an occupied cell more
-        than `OCCLUSION_MARGIN_M` before it. Such a beam keeps the score of a random reading; the
-        rest is returned. This takes a hundred times as long as `log_likelihood`. So pose i checks
-        the beams i, i + stride and so on, modulo `visibility_beam_stride`, and counts them for all
-        beams, because the poses of one cluster see much the same.
-        """
-        occluded = [
-            occluded_scores(
-                plain(map_from_robot),
-                plain(laser.robot_from_laser[:2]),
-                plain(laser.own_hits_in_robot),
-                self.field.codes,
-                self.jumps,
-                self.grid.in_cells,
-                OCCLUSION_MARGIN_M / self.grid.cell_m,
-                self.field.log_step,
-                self.settings.visibility_beam_stride,
-            )
-            for laser in beams.lasers
-        ]
-        return np.asarray(np.sum(occluded, axis=0))
 
 
 def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:

@@ -32,14 +32,12 @@ from clustermcl.filter.search.branch_and_bound import (
     Corners,
     SearchSpace,
 )
-from clustermcl.filter.search.places import FoundPlace, Labels, Parts, clustered, found_places
-from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from clustermcl.filter.search.places import FoundPlace, Labels, clustered, found_places
+from clustermcl.filter.settings import ClusterSettings, FilterSettings
 from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _REFINEMENTS = 2
 """Number of times that the leaves of branch and bound are split and scored again."""
-_CORRECTED_SHARE = 0.01
-"""Least share of a place that is corrected for occlusion, because ray casting is expensive."""
 _SAMPLED = 0.05
 """Share of the weight that is only a sample of the possible poses, above which everything is
 searched again when the number of scans has doubled."""
@@ -47,8 +45,6 @@ _MOSTLY_SAMPLED = 0.5
 """The same share, above which the number of scans has to quadruple first."""
 _SCANS_JOINED = 8
 """Largest number of scans that one search of everything uses."""
-_CORRECTION_WORK = 2**16
-"""Cost of correcting one place for occlusion [look-ups]."""
 _OBSERVATIONS_KEPT = 64
 _VIEW = ClusterSettings(view_distance_m=VIEW_M, view_turn_rad=VIEW_RAD)
 _BLUR_M, _BLUR_RAD = 0.15, 0.05
@@ -223,7 +219,7 @@ class GlobalSearch:
         kept = replace(kept, log_weights=log_weights)
         yield
         kept, _ = yield from self._thin(kept, rng)
-        yield from self._settle(kept, now.beams)
+        yield from self._settle(kept)
 
     def _scores(self, poses: Poses, now: "_PastScan") -> Slices[LogWeights]:
         """Return (N,) log-likelihoods of all scans at present poses."""
@@ -271,7 +267,7 @@ class GlobalSearch:
         log_weights = self._observed(kept.poses, log_weights, new)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
-        yield from self._settle(kept, beams, new_view)
+        yield from self._settle(kept)
 
     def _observed(
         self, poses: Poses, log_weights: LogWeights, observations: Sequence[Kind]
@@ -306,47 +302,16 @@ class GlobalSearch:
         chosen, log_weights = yield from optimal_resampling(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
-    def _settle(self, kept: _Kept, beams: Beams, new_view: float = 1.0) -> Slices[None]:
-        """Find the places after a scan, and correct their weights for occlusion.
-
-        Unlike the likelihood, the correction is not tempered by a bad fit: neither people nor
-        furniture open a wall.
-        """
+    def _settle(self, kept: _Kept) -> Slices[None]:
+        """Find the places after a scan, in slices."""
         yield
-        labels, shares, correction = yield from corrections(
-            kept.poses, kept.log_weights, self._model, beams, self._rules, self._meter
-        )
-        self.log_evidence = log_sum(kept.log_weights - correction)
-        log_weights = kept.log_weights - new_view * correction
-        log_weights += self.log_evidence - log_sum(log_weights)
-        self._kept = replace(kept, log_weights=log_weights)
-        self._labels = labels
+        labels, count = clustered(kept.poses, kept.log_weights, self._rules)
+        weights = normalised_weights(kept.log_weights)
+        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:]
+        self.log_evidence = log_sum(kept.log_weights)
+        self._kept, self._labels = kept, labels
         places = int(np.count_nonzero(shares >= self._settings.belief.least_probability))
         self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
-
-
-def corrections(
-    poses: Poses,
-    log_weights: LogWeights,
-    model: SensorModel,
-    beams: Beams,
-    rules: SearchSettings,
-    meter: WorkMeter,
-) -> Slices[tuple[Labels, NDArray[np.float64], NDArray[np.float64]]]:
-    """Find the places of weighed poses and how much evidence occlusion takes from them, in slices.
-
-    Returns:
-        (N,) place of each pose, (K,) shares of the places, and (N,) amounts to subtract from the
-        log weights.
-    """
-    labels, count = clustered(poses, log_weights, rules)
-    yield
-    parts = Parts.of(poses, normalised_weights(log_weights), labels, count)
-    correction = np.zeros(count + 1)  # the last, 0, is for poses without a place
-    for label in np.flatnonzero(parts.shares >= _CORRECTED_SHARE):
-        correction[label] = model.correction(*parts[label], beams, rules.shards)
-        yield from meter.spend(_CORRECTION_WORK)
-    return labels, parts.shares, correction[labels]
 
 
 @kernel

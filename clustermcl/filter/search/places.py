@@ -155,11 +155,6 @@ class Parts:
         ends = np.cumsum(sizes) - sizes[0]
         return cls(poses.take(chosen, axis=0), weights.take(chosen), shares, ends)
 
-    def __getitem__(self, place: np.intp) -> tuple[Poses, NDArray[np.float64]]:
-        """Return the poses of a place, and their weights, which sum to one."""
-        own = slice(self.ends[place], self.ends[place + 1])
-        return self.poses[own], self.weights[own] / self.shares[place]
-
 
 def places_of(
     particles: ParticleSet, settings: FilterSettings, rng: np.random.Generator

@@ -23,7 +23,6 @@ from clustermcl.filter.settings import (
     ClusterSettings,
     FilterSettings,
     SearchSettings,
-    SensorSettings,
 )
 from clustermcl.protocol import work
 from clustermcl.protocol.answers import Belief, SetPose
@@ -37,7 +36,6 @@ from tests.unit.coordinator.reports import free_everywhere, scan, started
 
 SETTINGS = FilterSettings(
     seed=5,
-    sensor=SensorSettings(visibility_particles=0),
     cluster=ClusterSettings(particles=60),
     search=SearchSettings(
         heading_step_rad=0.2,

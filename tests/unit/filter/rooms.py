@@ -33,13 +33,6 @@ def plain_room() -> Cells:
     return cells
 
 
-def divided_room() -> Cells:
-    """The plain room with a wall across."""
-    cells = plain_room()
-    cells[:, 60] = OCCUPIED
-    return cells
-
-
 def model_of(cells: Cells, settings: SensorSettings | None = None) -> SensorModel:
     return computed_model(Grid(cells, CELL_M, NO_OFFSET), settings or SensorSettings())
 

@@ -5,11 +5,18 @@ import pytest
 
 from clustermcl.filter.arrays import OCCUPIED, Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.beam_fits import beam_fits, decoded
+from clustermcl.filter.laser.beam_fits import (
+    OCCLUSION_MARGIN_M,
+    OCCLUSION_SLACK_RAD,
+    beam_fits,
+    decoded,
+)
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
 from clustermcl.filter.laser.sensor_model import Beams, computed_model
-from clustermcl.filter.poses import compose
+from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import SensorSettings
+from tests.unit.filter.naive_rays import cast_ray
+from tests.unit.filter.rooms import plain_room
 
 CELL_M = 0.05
 MIDDLE = np.array([5.0, 5.0, 0.0])
@@ -95,6 +102,26 @@ def test_the_fit_is_the_log_likelihood_in_the_field_where_a_beam_from_the_laser_
     codes = field.codes[row[inside].astype(int) + 1, col[inside].astype(int) + 1]
     np.testing.assert_allclose(fits[inside], codes / 65_535, atol=0.02)
     assert not fits[~inside].any()
+
+
+def test_rays_are_followed_as_one_by_one_in_the_grid() -> None:
+    rng, cells = np.random.default_rng(5), plain_room()
+    ground = Grid(cells, CELL_M, np.array([-4.0, 7.0, 0.7]))
+    model, laser = computed_model(ground, SensorSettings()), np.array([0.2, -0.1, 0.0])
+    size_m = CELL_M * np.array(cells.shape)[::-1]
+    inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
+    x, y = rng.uniform(-4.0, 4.0, (60, 2)).T  # some of them beyond the map
+    beams = Beams(np.hypot(x, y), np.arctan2(y, x), laser)
+    for pose in compose(ground.map_from_grid, inside):
+        _, through, occluded = decoded(beam_fits(pose, beams, model, mirrored=False))
+        at_laser = compose(pose, laser)
+        for index, (way_m, angle) in enumerate(zip(beams.ranges, beams.angles, strict=True)):
+            start = between(ground.map_from_grid, at_laser + np.array([0.0, 0.0, angle]))
+            met = [
+                cast_ray(cells, CELL_M, start, turn, way_m) < way_m - OCCLUSION_MARGIN_M
+                for turn in (0.0, OCCLUSION_SLACK_RAD, -OCCLUSION_SLACK_RAD)
+            ]
+            assert (through[index], occluded[index]) == (met[0], all(met))
 
 
 def test_the_beams_of_all_lasers_have_fits() -> None:

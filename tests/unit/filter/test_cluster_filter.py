@@ -2,9 +2,8 @@ import math
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
-from clustermcl.filter.arrays import OCCUPIED, Pose
+from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import (
     ParticleSet,
     mcl_step,
@@ -18,7 +17,6 @@ from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import ClusterSettings, SensorSettings
 from tests.unit.filter.rooms import (
     PERFECT_ODOMETRY,
-    divided_room,
     model_of,
     plain_room,
     seen_from,
@@ -58,7 +56,7 @@ def test_resampled_particles_have_equal_weights_and_the_same_mean(count: int) ->
 def test_a_scan_changes_weights_by_its_share_but_is_full_evidence(
     motion: Pose, share: float
 ) -> None:
-    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
+    cloud, model = uneven(400), model_of(plain_room())
     rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
     beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
     result = mcl_step(cloud, motion, beams, model, PERFECT_ODOMETRY, rules, rng)
@@ -105,38 +103,6 @@ def test_equal_particles_and_those_far_away_on_a_line_have_a_most_probable_one(
     np.testing.assert_array_equal(best, HERE)
 
 
-def test_occluded_beams_lower_the_evidence() -> None:
-    seen = SensorSettings(
-        visibility_particles=20, occlusion_weight=0.4, scan_likelihood_exponent=0.2
-    )
-    beams, cloud = seen_from(HERE, plain_room()), ParticleSet.even(np.tile(HERE, (20, 1)))
-    model, blind = (
-        model_of(divided_room(), settings)
-        for settings in (seen, replace(seen, visibility_particles=0))
-    )
-    evidence, in_full = (
-        mcl_step(
-            cloud, NO_WAY, beams, m, PERFECT_ODOMETRY, ClusterSettings(), np.random.default_rng(0)
-        ).log_weight_sum
-        for m in (model, blind)
-    )
-    hidden = float(model.occluded(cloud.map_from_robot, beams).mean())
-    taken = 0.2 * 0.4 * (hidden - seen.occlusion_tolerance * beams.count)
-    assert taken > 0.5
-    assert in_full - evidence == pytest.approx(taken)
-
-
-def test_occlusion_is_averaged_by_weight() -> None:
-    model, beams = model_of(divided_room()), seen_from(HERE, plain_room())
-    behind = np.array([5.0, 2.0, 0.0])
-    poses = np.array([HERE, behind])
-    heavy = model.correction(poses, np.array([1.0, 0.0]), beams)
-    light = model.correction(poses, np.array([0.0, 1.0]), beams)
-    assert heavy == pytest.approx(model.correction(HERE[None], np.ones(1), beams), rel=1e-6)
-    assert light == pytest.approx(model.correction(behind[None], np.ones(1), beams), rel=1e-6)
-    assert heavy != pytest.approx(light)
-
-
 def test_the_noise_has_half_of_silvermans_width() -> None:
     sigma = np.array([0.3, 0.1, 0.2])
     sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
@@ -179,25 +145,3 @@ def test_an_exactly_known_pose_stays_exactly_known() -> None:
     sample = np.tile(HERE, (10, 1))
     cloud = regularised_resample(sample, np.zeros(10), 2_000, np.random.default_rng(0))
     np.testing.assert_allclose(cloud.map_from_robot, np.tile(HERE, (2000, 1)))
-
-
-def test_particles_at_one_place_share_the_beams_among_them() -> None:
-    """Three lasers with a third of the beams each give the evidence of one with all beams."""
-    beams = seen_from(HERE, plain_room())
-    alone = model_of(divided_room(), SensorSettings(visibility_beam_stride=1))
-    sharing = model_of(divided_room(), SensorSettings(visibility_beam_stride=3))
-    whole = alone.occluded(HERE[None], beams)[0]
-    parts = sharing.occluded(np.tile(HERE, (3, 1)), beams)
-    assert whole > 10.0
-    assert parts.mean() == pytest.approx(whole)
-    assert len(set(parts)) > 1, "not all particles followed the same ones"
-
-
-def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
-    corridor = np.zeros((30, 400), np.int8)
-    corridor[[0, -1], :] = corridor[:, [0, -1]] = OCCUPIED
-    truth = np.array([1.0, 0.6, 0.0])
-    beams = seen_from(truth, corridor)
-    off = ParticleSet.even(np.tile(truth + np.array([0.0, 0.0, 0.02]), (20, 1)))
-    correction = model_of(corridor).correction(off.map_from_robot, off.weights, beams)
-    assert correction == pytest.approx(0.0, abs=0.001)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.beam_fits import beam_fits
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.sensor_model import ground_log_penalty
 from clustermcl.filter.motion.model import move, standard_normals
@@ -35,8 +36,14 @@ def results() -> dict[str, NDArray[Any]]:
         "omnidirectional": move(poses, after, MotionSettings(), standard_normals(rng, 3, 70)),
         "differential": move(poses, after, differential, standard_normals(rng, 3, 70)),
         "drawn": resample(log_likelihood, 70, rng),
-        "occluded": model_of(plain_room()).occluded(
-            poses[:3], seen_from(np.array([1.0, 3.0, 0.3]), plain_room())
+        "beams": np.frombuffer(
+            beam_fits(
+                np.array([5.0, 2.0, 0.0]),
+                seen_from(np.array([1.0, 3.0, 0.3]), plain_room()),
+                model_of(plain_room()),
+                mirrored=False,
+            ),
+            np.uint8,
         ),
         "labels": cluster_by_source_point(poses, log_likelihood, 0.5, 0.5, 100)[0],
     }

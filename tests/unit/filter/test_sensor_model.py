@@ -1,5 +1,4 @@
 from dataclasses import replace
-from math import atan2, hypot
 
 import numpy as np
 import pytest
@@ -7,11 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Points, Pose
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.evidence_model import scan_exponent
-from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
-from clustermcl.filter.laser.occlusion import OCCLUSION_MARGIN_M, OCCLUSION_SLACK_RAD
 from clustermcl.filter.laser.sensor_model import (
     Beams,
     LaserScan,
@@ -20,10 +17,10 @@ from clustermcl.filter.laser.sensor_model import (
     ground_log_penalty,
     usable_beams,
 )
-from clustermcl.filter.poses import between, compose
+from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SensorSettings
 from tests.unit.filter import naive
-from tests.unit.filter.naive_rays import cast_ray, cast_rays
+from tests.unit.filter.naive_rays import cast_rays
 from tests.unit.filter.rooms import (
     CELL_M,
     NO_OFFSET,
@@ -110,19 +107,6 @@ def test_two_lasers_weigh_as_much_as_each_alone_together() -> None:
     np.testing.assert_allclose(sensor.log_likelihood(poses, merged), alone, rtol=1e-12)
 
 
-def test_the_rays_of_each_laser_begin_at_its_mount() -> None:
-    room = plain_room()
-    field = model_of(room, SensorSettings(max_beams=200, visibility_beam_stride=1))
-    poses = TRUTH + np.random.default_rng(1).normal(0.0, 0.3, (50, 3))
-    first, second, merged = (field.beams(scan) for scan in both(room))
-    alone = field.occluded(poses, first) + field.occluded(poses, second)
-    np.testing.assert_array_equal(field.occluded(poses, merged), alone)
-    assert alone.max() > 0.0
-    # Rays of the rear laser that began at the front one would pass through the robot's place.
-    wrong = replace(second, robot_from_laser=first.robot_from_laser)
-    assert field.occluded(TRUTH[None], wrong)[0] >= field.occluded(TRUTH[None], second)[0]
-
-
 @pytest.mark.parametrize(("most", "each"), [(60, 30), (1, 1)])
 def test_lasers_share_the_beams_that_are_scored_and_each_has_one(most: int, each: int) -> None:
     merged = model_of(plain_room(), SensorSettings(max_beams=most)).beams(both(plain_room())[2])
@@ -203,39 +187,3 @@ def test_the_kernel_agrees_with_the_naive_loop(seed: int, turn: float) -> None:
         ground_log_penalty(poses, Grid(cells, 0.5, map_from_grid), -1.5),
         naive.ground_log_penalty(poses, cells, 0.5, map_from_grid, -1.5),
     )
-
-
-MAP_FROM_GRID = np.array([-4.0, 7.0, 0.7])
-LASER = np.array([0.2, -0.1])
-
-
-def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> float:
-    """Beam by beam: the field's value, if the ray and both neighbours are blocked earlier."""
-    laser, total = compose(pose, np.array([*LASER, 0.0])), 0.0
-    for hit in hits:
-        x, y, _ = compose(pose, np.array([*hit, 0.0])) - laser
-        way_m = hypot(x, y)
-        start = between(field.grid.map_from_grid, np.array([*laser[:2], atan2(y, x)]))
-        met = [
-            cast_ray(cells, CELL_M, start, turn, way_m) < way_m - OCCLUSION_MARGIN_M
-            for turn in (0.0, OCCLUSION_SLACK_RAD, -OCCLUSION_SLACK_RAD)
-        ]
-        if all(met):
-            total += scan_log_likelihood(pose[None], hit[None], field)[0] - field.log_floor
-    return total
-
-
-def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
-    rng, cells = np.random.default_rng(5), plain_room()
-    grid, settings = Grid(cells, CELL_M, MAP_FROM_GRID), SensorSettings(visibility_beam_stride=1)
-    arrays = SensorModel.arrays_of(grid, settings)
-    model = SensorModel.from_arrays(grid, arrays, settings)
-    size_m = CELL_M * np.array(cells.shape)[::-1]
-    inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
-    poses = compose(MAP_FROM_GRID, inside)
-    x, y = rng.uniform(-4.0, 4.0, (60, 2)).T  # some of them beyond the map
-    beams = Beams(np.hypot(x, y), np.arctan2(y, x), np.array([*LASER, 0.0]))
-    found = model.occluded(poses, beams)
-    expected = [hidden(pose, beams.hits_in_robot, cells, model.field) for pose in poses]
-    assert max(expected) > 10.0
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -39,9 +39,7 @@ MOTION = MotionSettings(
     drive_noise_per_turn=0.8,
     strafe_noise_per_metre=0.3,
 )
-SENSOR = SensorSettings(
-    scan_likelihood_exponent=0.3, max_beams=len(ANGLES), visibility_particles=0, hit_sigma_m=0.2
-)
+SENSOR = SensorSettings(scan_likelihood_exponent=0.3, max_beams=len(ANGLES), hit_sigma_m=0.2)
 DRIVE = np.array([0.15, 0.02, 0.06])
 """What odometry says of every step, in the robot's frame."""
 SPREAD = np.array([0.08, 0.06, 0.05])

@@ -258,7 +258,7 @@ def test_an_order_that_comes_while_the_map_is_fetched_supersedes_the_one_that_wa
 def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
     tracking: Worker, model: SensorModel
 ) -> None:
-    other = msgspec.to_builtins(SETTINGS.sensor) | {"visibility_particles": 0}
+    other = msgspec.to_builtins(SETTINGS.sensor) | {"max_beams": 59}
     asking = handled(tracking, asked(2, track("c1", cloud()), sensor=other))
     assert [type(do) for do in asking] == [BuildModel]
     done = handled(tracking, asked(3, keep=(("c0", 1),)))
