@@ -84,8 +84,7 @@ def agreement_of(
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)
     rng = np.random.default_rng(settings.seed)
-    run: list[tuple[Poses, Poses, int]] = []
-    longest: list[tuple[Poses, Poses, int]] = []
+    by_cluster: dict[int, list[tuple[Poses, Poses, int]]] = {}
     fitting: list[float] = []
     by_mount: dict[PoseTuple, list[float]] = {}
     localized, off_map, recorded = 0, 0.0, (0.0, 0.0, 0.0)
@@ -99,16 +98,15 @@ def agreement_of(
         localized += outcome.state == "localized"
         off_map += outcome.off_map_probability
         if not (_has_one_place(outcome, settings) and beams.count):
-            run = []
             continue
-        best = np.array([outcome.hypotheses[0].pose])
-        poses, _ = refined(best, beams.hits_in_robot, field, rng)
+        best = outcome.hypotheses[0]
+        poses, _ = refined(np.array([best.pose]), beams.hits_in_robot, field, rng)
         fitting.append(_fitting_share(poses[0], beams.hits_in_robot, grid_map, to_obstacle_m))
         own = _fitting_share(poses[0], beams.own_hits_in_robot, grid_map, to_obstacle_m)
         by_mount.setdefault(recorded, []).append(own)
         in_map, by_odometry = compose(poses[0], np.array(recorded)), np.array(scan.odom_from_robot)
-        run.append((in_map, by_odometry, scan.stamp_ns))
-        longest = max(longest, run, key=len)
+        by_cluster.setdefault(best.cluster, []).append((in_map, by_odometry, scan.stamp_ns))
+    longest = max(by_cluster.values(), key=len, default=[])
     found = np.array([each[:2] for each in longest]).reshape(-1, 2, 3)
     told = [r.detail for scan in steps for r in scan.remarks if r.cause == Cause.OWN_ROBOT]
     mounts = {mount: shares for mount, shares in by_mount.items() if len(shares) >= LEAST_STEPS}
