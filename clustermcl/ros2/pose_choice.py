@@ -81,12 +81,13 @@ def on_floor(belief: Belief, floor: str) -> Belief:
 
 
 def mixture_covariance(hypotheses: tuple[Hypothesis, ...], about: PoseTuple) -> Covariance:
-    """Return the second moment of the robot's pose about `about`, over all places, row by row."""
-    total = np.zeros((3, 3))
+    """Return the second moment of the robot's pose about `about`, if it is at one of the places."""
+    total, weight = np.zeros((3, 3)), math.fsum(one.probability for one in hypotheses)
     for one in hypotheses:
         off = np.subtract(one.pose, about)
         off[2] = wrap_angle(float(off[2]))
-        total += one.probability * (covariance_matrix(one.covariance) + np.outer(off, off))
+        share = one.probability / weight if weight > 0.0 else 1.0 / len(hypotheses)
+        total += share * (covariance_matrix(one.covariance) + np.outer(off, off))
     return covariance_tuple(total)
 
 

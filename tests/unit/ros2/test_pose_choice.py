@@ -53,3 +53,13 @@ def test_the_covariance_includes_the_other_places_until_the_robot_is_localized()
     off = np.array(B)  # the other place, as seen from the held one
     wide = np.reshape(COVARIANCE, (3, 3)) + 0.6 * np.outer(off, off)
     np.testing.assert_allclose(np.reshape(held.covariance, (3, 3)), wide)
+
+
+@pytest.mark.parametrize("shares", [(0.3, 0.2), (0.0, 0.0)])
+def test_the_covariance_is_that_of_a_robot_at_one_of_the_places(
+    shares: tuple[float, float],
+) -> None:
+    wide = belief(1, (1, shares[0], A), (2, shares[1], A))
+    found = PoseChoice("best").choose(wide, None)
+    assert found
+    np.testing.assert_allclose(found.covariance, COVARIANCE)
