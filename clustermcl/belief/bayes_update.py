@@ -143,7 +143,7 @@ class _Update:
         behind = learned.behind(self._per_piece)
         evidence = np.full(len(self._reports), math.nan)
         for index, found in self._explained.items():
-            evidence[index] = among * (found.front + behind * (found.fitting - found.front))
+            evidence[index] = among * (found.clear + behind * (found.fitting - found.clear))
         return evidence
 
     def _learn(self, shares: NDArray[np.float64]) -> None:
@@ -243,6 +243,6 @@ class _Update:
 
 def _counts(report: TrackReport) -> tuple[int, int, int]:
     """Return the numbers of beams, of those that end before any obstacle, and through walls."""
-    fits, through, _ = decoded(report.fits)
+    fits, through = decoded(report.fits)
     short = np.count_nonzero((fits < MISSED) & ~through)
     return len(fits), int(short), int(np.count_nonzero(through))

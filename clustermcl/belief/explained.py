@@ -21,8 +21,6 @@ class Explained(NamedTuple):
     """The same but for beams through walls."""
     through: float
     """Of beams through walls, whether they fit or not."""
-    front: float
-    """As `fitting`, but for occluded beams: the neighbours of these go through walls, too."""
 
 
 def explains(report: TrackReport, beams: NDArray[np.float64]) -> Explained | None:
@@ -37,6 +35,6 @@ def explains(report: TrackReport, beams: NDArray[np.float64]) -> Explained | Non
     """
     if len(report.fits) != len(beams):
         return None
-    fits, through, occluded = decoded(report.fits)
-    clear, front = np.where(through, 0.0, fits), np.where(occluded, 0.0, fits)
-    return Explained(*(np.array([fits, clear, through, front]) @ beams).tolist())
+    fits, through = decoded(report.fits)
+    each = np.array([fits, np.where(through, 0.0, fits), through])
+    return Explained(*(each @ beams).tolist())

@@ -60,7 +60,7 @@ class Learned(msgspec.Struct, frozen=True):
     probable: Familiarity = Familiarity()
     """What the probable places explain."""
     in_front: Familiarity = Familiarity.of(FRONT)
-    """The same by beams that are not occluded."""
+    """The same by beams that go through no wall."""
     others: Familiarity = Familiarity.of(OTHERS)
     """What places explain other than the one that explains most."""
 
@@ -97,5 +97,5 @@ class Learned(msgspec.Struct, frozen=True):
         if total == 0.0:
             return Learned(self.probable, self.in_front, others)
         fitting = math.fsum(share * each.fitting for share, each, _ in found) / total
-        front = math.fsum(share * each.front for share, each, _ in found) / total
-        return Learned(self.probable.after(new, fitting), self.in_front.after(new, front), others)
+        clear = math.fsum(share * each.clear for share, each, _ in found) / total
+        return Learned(self.probable.after(new, fitting), self.in_front.after(new, clear), others)

@@ -155,7 +155,7 @@ class Place(Part, frozen=True, kw_only=True):
     """Particles drawn from the place."""
 
 
-class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/2"):
+class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/3"):
     """The result of one cluster for one scan.
 
     Published by a worker on ``worker/{name}/report`` for every step and job, in order; read by the

@@ -8,29 +8,22 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import Points, Pose
 from clustermcl.filter.kernels.compiled import ToCells, kernel, plain, read_only
 from clustermcl.filter.laser.pyramid import Level
-from clustermcl.filter.laser.ray_casting import FlatJumps, JumpField, cast_ray, flat
+from clustermcl.filter.laser.ray_casting import JumpField, cast_ray, flat
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 
-OCCLUSION_MARGIN_M = 0.45
-"""A beam may end this far behind the first obstacle on its ray, as map and pose have errors [m]."""
-OCCLUSION_SLACK_RAD = 0.05
-"""An end is occluded only if rays turned by this to either side are cut off too [rad]: if the pose
-is slightly wrong, a ray along a wall may enter it for metres, but then one neighbour does not."""
-_SLACK, _BACK = OCCLUSION_SLACK_RAD, -2.0 * OCCLUSION_SLACK_RAD
-_TURNS = (cos(_SLACK), sin(_SLACK)), (cos(_BACK), sin(_BACK))
-"""Cosine and sine of the turns from a ray to either side, one after the other."""
-THROUGH, OCCLUDED = 1, 2
-"""The lowest bits of a fit: an obstacle is in the beam's way, and in its neighbours' too."""
+THROUGH_M = 0.45
+"""A beam that ends this far behind the first obstacle on its ray goes through a wall; less may be
+an error of map and pose [m]."""
+_THROUGH = 1
+"""The lowest bit of a fit."""
 
 
 def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrored: bool) -> bytes:
     """Return the fit of each beam at a (3,) pose.
 
-    Six bits of a byte are the beam's log-likelihood in the field, from that of an end far from all
-    obstacles (0) to that of one on an obstacle (63). The lowest bit is 1 for a beam through a wall,
-    which ends `OCCLUSION_MARGIN_M` or more behind an obstacle; the next, if rays turned slightly to
-    either side meet one, too (`_neighbours_meet`). The beams of mirrored scans are in the order of
-    those that they mirror.
+    Seven bits of a byte are the beam's log-likelihood in the field, from that of an end far from
+    all obstacles (0) to that of one on an obstacle (127). The lowest bit is 1 for a beam through a
+    wall (`THROUGH_M`). The beams of mirrored scans are in the order of those that they mirror.
     """
     grid, level = model.grid, model.pyramid.levels[-1]
     parts = []
@@ -43,17 +36,17 @@ def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrore
             read_only(level),
             read_only(model.jumps),
             grid.in_cells,
-            OCCLUSION_MARGIN_M / grid.cell_m,
+            THROUGH_M / grid.cell_m,
             fits,
         )
         parts.append(fits[::-1] if mirrored else fits)
     return np.concatenate(parts).tobytes()
 
 
-def decoded(fits: bytes) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return (B,) fits of beams, 0 to 1, whether each went through a wall, and is occluded."""
+def decoded(fits: bytes) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return (B,) fits of beams, 0 to 1, and whether each goes through a wall."""
     codes = np.frombuffer(fits, np.uint8)
-    return (codes >> 2) / 63.0, (codes & THROUGH) != 0, (codes & OCCLUDED) != 0
+    return (codes >> 1) / 127.0, (codes & _THROUGH) != 0
 
 
 @kernel
@@ -85,22 +78,7 @@ def _fit(
             code = int(level[row % side, col % side, row // side, col // side])
         dx, dy = to_col - from_col, to_row - from_row
         share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
-        code &= 0xFC
+        code &= 0xFE
         if share > 0.0 and cast_ray(ahead, from_col, from_row, dx, dy, share) < share:
-            code |= THROUGH
-            if _neighbours_meet(ahead, (from_col, from_row), (dx, dy), share):
-                code |= OCCLUDED
+            code |= _THROUGH
         fits[j] = code
-
-
-@kernel
-def _neighbours_meet(
-    jumps: FlatJumps, start: tuple[float, float], way: tuple[float, float], share: float
-) -> bool:
-    """Return whether rays turned slightly to either side meet an obstacle, too."""
-    dx, dy = way
-    for c, s in _TURNS:
-        dx, dy = c * dx - s * dy, s * dx + c * dy
-        if not cast_ray(jumps, start[0], start[1], dx, dy, share) < share:
-            return False
-    return True

@@ -2,7 +2,6 @@ import os
 import re
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -121,8 +120,10 @@ def test_a_file_of_the_recording_or_the_folder_above_will_do(
     assert run(tmp_path).stdout == whole
 
 
-def squared(fits: NDArray[np.float64], *flags: NDArray[np.bool_]) -> tuple[NDArray[Any], ...]:
-    return fits**2, *flags
+def squared(
+    fits: NDArray[np.float64], through: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    return fits**2, through
 
 
 def test_a_belief_that_differs_has_exit_code_1(

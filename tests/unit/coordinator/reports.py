@@ -197,7 +197,7 @@ def tracked(
         pose=mean,
         covariance=NO_SPREAD,
         snapshot=snapshot,
-        fits=bytes(3 if fit < 0.0 else round(63 * fit) << 2 for fit in fits),
+        fits=bytes(1 if fit < 0.0 else round(127 * fit) << 1 for fit in fits),
     )
 
 

@@ -149,15 +149,15 @@ def test_how_well_the_map_explains_new_beams_is_learned() -> None:
     expected, others = Familiarity(), made.learned.others
     equal = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (1.0, 0.5, 1.0, 0.0)}
     weigh(made, with_fits(equal), beams=NEW)
-    explained = 0.5 + 0.25 * 32 / 63
+    explained = 0.5 + 0.25 * 64 / 127
     learned = [
         made.learned.probable,
         *(cluster.familiarity for cluster in made.all()),
         made.learned.others,
     ]
     expected = [
-        expected.after(1.0, explained), expected.after(1.0, 0.5 + 0.25 * 32 / 63),
-        expected.after(1.0, 0.5 + 0.25 * 32 / 63), others.after(0.25, 0.25 * explained),
+        expected.after(1.0, explained), expected.after(1.0, 0.5 + 0.25 * 64 / 127),
+        expected.after(1.0, 0.5 + 0.25 * 64 / 127), others.after(0.25, 0.25 * explained),
     ]  # fmt: skip
     for one, other in zip(learned, expected, strict=True):
         assert one.share == pytest.approx(other.share)

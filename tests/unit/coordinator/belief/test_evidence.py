@@ -163,7 +163,7 @@ def test_a_piece_of_wall_counts_once_however_often_the_robot_turns() -> None:
 
 
 def test_beams_that_fit_behind_walls_speak_for_a_place_in_a_changed_building_only() -> None:
-    behind = bytes([63 << 2 | 3] * 3)
+    behind = bytes([127 << 1 | 1] * 3)
     half = {}
     for share in (1 / 3, FRONT):
         made = two_places()
