@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from clustermcl.belief.outcome import Outcome
+from clustermcl.belief.overlaps import is_near
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.evaluation.map_check.look_alikes import refined
 from clustermcl.evaluation.map_check.mount import Lag, Mount, lag_of, mount_of
@@ -84,7 +85,8 @@ def agreement_of(
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)
     rng = np.random.default_rng(settings.seed)
-    by_cluster: dict[int, list[tuple[Poses, Poses, int]]] = {}
+    run: list[tuple[Poses, Poses, int]] = []
+    longest: list[tuple[Poses, Poses, int]] = []
     fitting: list[float] = []
     by_mount: dict[PoseTuple, list[float]] = {}
     localized, off_map, recorded = 0, 0.0, (0.0, 0.0, 0.0)
@@ -99,14 +101,16 @@ def agreement_of(
         off_map += outcome.off_map_probability
         if not (_has_one_place(outcome, settings) and beams.count):
             continue
-        best = outcome.hypotheses[0]
-        poses, _ = refined(np.array([best.pose]), beams.hits_in_robot, field, rng)
+        best = np.array([outcome.hypotheses[0].pose])
+        poses, _ = refined(best, beams.hits_in_robot, field, rng)
         fitting.append(_fitting_share(poses[0], beams.hits_in_robot, grid_map, to_obstacle_m))
         own = _fitting_share(poses[0], beams.own_hits_in_robot, grid_map, to_obstacle_m)
         by_mount.setdefault(recorded, []).append(own)
         in_map, by_odometry = compose(poses[0], np.array(recorded)), np.array(scan.odom_from_robot)
-        by_cluster.setdefault(best.cluster, []).append((in_map, by_odometry, scan.stamp_ns))
-    longest = max(by_cluster.values(), key=len, default=[])
+        if run and not _continues(run[-1], in_map, by_odometry, settings):
+            run = []
+        run.append((in_map, by_odometry, scan.stamp_ns))
+        longest = max(longest, run, key=len)
     found = np.array([each[:2] for each in longest]).reshape(-1, 2, 3)
     told = [r.detail for scan in steps for r in scan.remarks if r.cause == Cause.OWN_ROBOT]
     mounts = {mount: shares for mount, shares in by_mount.items() if len(shares) >= LEAST_STEPS}
@@ -145,6 +149,16 @@ def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:
         return False
     here = 1.0 - outcome.elsewhere_probability
     return outcome.hypotheses[0].probability >= settings.belief.localized_probability * here > 0.0
+
+
+def _continues(
+    last: tuple[Poses, Poses, int], in_map: Poses, by_odometry: Poses, settings: FilterSettings
+) -> bool:
+    """Return whether a pose is where the last one of a run and odometry say, and no other place."""
+    expected = compose(last[0], between(last[1], by_odometry))
+    rules = settings.search
+    reach = rules.source_radius_m, rules.source_heading_rad
+    return bool(is_near([in_map], [expected], *reach)[0])
 
 
 def _fitting_share(

@@ -106,4 +106,4 @@ def test_a_place_above_is_not_the_same_place() -> None:
     chosen = choice.choose(there, AT)
     assert chosen is not None
     assert chosen.floor == "third"
-    assert chosen.covariance == pytest.approx([0.4 * each for each in COVARIANCE])
+    assert chosen.covariance == pytest.approx(COVARIANCE)
