@@ -59,6 +59,8 @@ class Admission:
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
     """Share of the search's probability in places that clusters hold or that enter."""
+    is_shared: bool
+    """Whether they share the probability of clusters that are places of the same search."""
 
 
 def admission(
@@ -114,7 +116,7 @@ def admission(
     ]
     explained += math.fsum(pool.share[index] for index in entering)
     weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
-    return Admission(weighed, min(explained, 1.0))
+    return Admission(weighed, min(explained, 1.0), log_held is not None)
 
 
 def log_weight_of_held(

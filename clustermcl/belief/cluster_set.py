@@ -249,6 +249,25 @@ class ClusterSet(Part):
         ]
         return admitted, events
 
+    def sharing(
+        self, candidates: Sequence[Candidate], first_step: int, explained: float
+    ) -> list[Candidate]:
+        """Move probability to candidates, from earlier places of the same search only.
+
+        Args:
+            candidates: newly found places, with weights relative to the belief.
+            first_step: first step of the search; clusters that began since then have a positive
+                probability.
+            explained: probability that moves from elsewhere to the places of the search.
+        """
+        own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
+        held = math.fsum(cluster.probability for cluster in own)
+        weight = math.fsum(place.share for place, _ in candidates)
+        kept = (held + explained) / (held + weight)
+        for cluster in own:
+            self.change(cluster, log_probability=cluster.log_probability + math.log(kept))
+        return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
+
     def room(self) -> list[float]:
         """Return the probabilities of the clusters that candidates may replace, in ascending order.
 

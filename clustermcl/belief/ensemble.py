@@ -326,11 +326,18 @@ class Ensemble(Part, kw_only=True):
     def _admit_candidates(
         self, search: SearchPool, pool: Pool, step: int, *, is_over: bool
     ) -> None:
-        """Admit places that no cluster holds; their probability is taken from elsewhere."""
+        """Admit places that no cluster holds; their probability is taken from elsewhere.
+
+        Once some places of the search are clusters, their probability is shared with later ones.
+        """
         then, first_step, settings = self.search.means[pool.step], search.first_step, self.settings
         found = admission(pool, self.clusters, then, first_step, settings, is_over=is_over)
+        before = self.clusters.elsewhere
         self.clusters.take_from_elsewhere(search.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
+        if found.is_shared:
+            explained = before - self.clusters.elsewhere
+            entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, search.log_elsewhere, search.log_off_map)
         self._admit(entering, step)
 

@@ -93,7 +93,7 @@ def test_places_with_almost_no_share_replace_no_cluster() -> None:
         held = (1e-18 / math.exp(log_weight), HELD[0])
         found = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST), held)
         came = admitted(found, math.log(elsewhere), room, first_step=1)
-        assert len(came.entering) == come
+        assert (len(came.entering), came.is_shared) == (come, True)
 
 
 def test_the_weight_of_a_place_is_its_share_of_the_search() -> None:
@@ -164,6 +164,7 @@ def test_the_weight_of_entered_and_held_places_is_explained() -> None:
     for free, explained in ((0, 0.4), (1, 0.75), (3, 0.95)):
         came = admitted(found, 0.0, (*[0.0] * free, 0.9))
         assert came.explained == pytest.approx(explained)
+        assert not came.is_shared
 
 
 def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
