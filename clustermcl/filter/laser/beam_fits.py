@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import Points, Pose
 from clustermcl.filter.kernels.compiled import ToCells, kernel, plain, read_only
 from clustermcl.filter.laser.pyramid import Level
-from clustermcl.filter.laser.ray_casting import JumpField, cast_ray, flat
+from clustermcl.filter.laser.ray_casting import FlatJumps, JumpField, cast_ray, flat
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 
-THROUGH_M = 0.45
-"""A beam that ends this far behind the first obstacle on its ray goes through a wall; less may be
-an error of map and pose [m]."""
+THROUGH_M, BESIDE_RAD = 0.45, 0.05
+"""A beam goes through a wall if it ends this far behind the first obstacle on its ray [m], and so
+do rays turned by this to either side [rad]. Map and pose have errors: if the heading is slightly
+wrong, a ray along a wall may enter it for metres, but then one beside it does not."""
+_TURNS = tuple((cos(turn), sin(turn)) for turn in (0.0, BESIDE_RAD, -2.0 * BESIDE_RAD))
+"""Cosine and sine of the turns to a ray itself, and then to one on either side."""
 _THROUGH = 1
 """The lowest bit of a fit."""
 
@@ -79,6 +82,19 @@ def _fit(
         dx, dy = to_col - from_col, to_row - from_row
         share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
         code &= 0xFE
-        if share > 0.0 and cast_ray(ahead, from_col, from_row, dx, dy, share) < share:
+        if share > 0.0 and _all_meet(ahead, (from_col, from_row), (dx, dy), share):
             code |= _THROUGH
         fits[j] = code
+
+
+@kernel
+def _all_meet(
+    jumps: FlatJumps, start: tuple[float, float], way: tuple[float, float], share: float
+) -> bool:
+    """Return whether a ray meets an obstacle, and so do rays turned slightly to either side."""
+    dx, dy = way
+    for c, s in _TURNS:
+        dx, dy = c * dx - s * dy, s * dx + c * dy
+        if not cast_ray(jumps, start[0], start[1], dx, dy, share) < share:
+            return False
+    return True

@@ -18,6 +18,8 @@ VIEW_M, VIEW_RAD = 0.8, 1.6
 """Distance and turn after which the errors of the map in two views correlate by 1/e [m], [rad]."""
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
+THROUGH_WEIGHT = 0.1
+"""Share of the score of beams through walls that a place of a search loses."""
 _UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
 """Variance of the fits at one place [nat^2]: before the first scan, and at least."""
 _HALF = 0.5

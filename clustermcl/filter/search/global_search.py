@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import LogWeights, Points, Pose, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet, new_share
 from clustermcl.filter.kernels.compiled import kernel
-from clustermcl.filter.laser.evidence_model import VIEW_M, VIEW_RAD, scan_exponent, share_by_fit
+from clustermcl.filter.laser.beam_fits import beam_fits, decoded
+from clustermcl.filter.laser.evidence_model import (
+    THROUGH_WEIGHT,
+    VIEW_M,
+    VIEW_RAD,
+    scan_exponent,
+    share_by_fit,
+    through_beam_loss,
+)
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.log_weights import log_sum, normalised_weights
 from clustermcl.filter.motion.model import move, standard_normals
@@ -38,6 +46,10 @@ from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _REFINEMENTS = 2
 """Number of times that the leaves of branch and bound are split and scored again."""
+_FOLLOWED_SHARE = 0.01
+"""Least share of a place whose beams are followed, because ray casting is expensive."""
+_RAY_WORK = 64
+"""Cost of following a beam [look-ups]."""
 _SAMPLED = 0.05
 """Share of the weight that is only a sample of the possible poses, above which everything is
 searched again when the number of scans has doubled."""
@@ -219,7 +231,7 @@ class GlobalSearch:
         kept = replace(kept, log_weights=log_weights)
         yield
         kept, _ = yield from self._thin(kept, rng)
-        yield from self._settle(kept)
+        yield from self._settle(kept, now.beams)
 
     def _scores(self, poses: Poses, now: "_PastScan") -> Slices[LogWeights]:
         """Return (N,) log-likelihoods of all scans at present poses."""
@@ -267,7 +279,7 @@ class GlobalSearch:
         log_weights = self._observed(kept.poses, log_weights, new)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
-        yield from self._settle(kept)
+        yield from self._settle(kept, beams, new_view)
 
     def _observed(
         self, poses: Poses, log_weights: LogWeights, observations: Sequence[Kind]
@@ -302,16 +314,36 @@ class GlobalSearch:
         chosen, log_weights = yield from optimal_resampling(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
-    def _settle(self, kept: _Kept) -> Slices[None]:
-        """Find the places after a scan, in slices."""
+    def _settle(self, kept: _Kept, beams: Beams, new_view: float = 1.0) -> Slices[None]:
+        """Find the places after a scan, and take from each what it explains through walls."""
         yield
         labels, count = clustered(kept.poses, kept.log_weights, self._rules)
         weights = normalised_weights(kept.log_weights)
-        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:]
-        self.log_evidence = log_sum(kept.log_weights)
-        self._kept, self._labels = kept, labels
+        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:].astype(np.float64)
+        lost = yield from self._through_walls(kept, labels, shares, beams)
+        self.log_evidence = log_sum(kept.log_weights - lost)
+        log_weights = kept.log_weights - new_view * lost
+        log_weights += self.log_evidence - log_sum(log_weights)
+        self._kept, self._labels = replace(kept, log_weights=log_weights), labels
         places = int(np.count_nonzero(shares >= self._settings.belief.least_probability))
         self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
+
+    def _through_walls(
+        self, kept: _Kept, labels: Labels, shares: NDArray[np.float64], beams: Beams
+    ) -> Slices[LogWeights]:
+        """Return what (N,) poses lose, because beams through walls fit at their place [nat]."""
+        lost, settings = np.zeros(len(shares) + 1), self._model.settings
+        best = np.zeros(len(shares) + 1, np.int64)  # the last is of poses without a place
+        order = np.argsort(kept.log_weights, kind="stable")
+        best[labels[order]] = order
+        if self._settings.belief.piece_evidence > 0.0:
+            for place in np.flatnonzero(shares >= _FOLLOWED_SHARE):
+                pose = kept.poses[best[place]]
+                fits, through = decoded(beam_fits(pose, beams, self._model, mirrored=False))
+                explained = through_beam_loss(settings) * float(fits @ through)
+                lost[place] = THROUGH_WEIGHT * scan_exponent(beams.count, settings) * explained
+                yield from self._meter.spend(_RAY_WORK * beams.count)
+        return lost[labels]
 
 
 @kernel

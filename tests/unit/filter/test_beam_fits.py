@@ -5,7 +5,7 @@ import pytest
 
 from clustermcl.filter.arrays import OCCUPIED, Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.beam_fits import THROUGH_M, beam_fits, decoded
+from clustermcl.filter.laser.beam_fits import BESIDE_RAD, THROUGH_M, beam_fits, decoded
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
 from clustermcl.filter.laser.sensor_model import Beams, computed_model
 from clustermcl.filter.poses import between, compose
@@ -62,6 +62,16 @@ def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -
     assert seen(cells, AHEAD_M, 2.525) == ([1.0, 1.0], [True, False])
 
 
+@pytest.mark.parametrize(("half_m", "is_through"), [(0.5, True), (0.05, False)])
+def test_a_beam_goes_through_a_wall_if_rays_on_both_sides_are_cut_off_too(
+    half_m: float, is_through: bool
+) -> None:
+    """A post 2 m ahead: at 0.05 rad, rays are 0.1 m beside its middle."""
+    cells, half = room(), round(half_m / CELL_M)
+    cells[100 - half : 100 + half, 140] = OCCUPIED
+    assert seen(cells, AHEAD_M) == ([1.0], [is_through])
+
+
 @pytest.mark.parametrize("cell_m", [0.05, 0.1, 0.25])
 def test_the_fit_is_the_log_likelihood_in_the_field_where_a_beam_from_the_laser_ends(
     cell_m: float,
@@ -99,8 +109,11 @@ def test_rays_are_followed_as_one_by_one_in_the_grid() -> None:
         at_laser = compose(pose, laser)
         for index, (way_m, angle) in enumerate(zip(beams.ranges, beams.angles, strict=True)):
             start = between(ground.map_from_grid, at_laser + np.array([0.0, 0.0, angle]))
-            met_m = cast_ray(cells, CELL_M, start, 0.0, way_m)
-            assert through[index] == (met_m < way_m - THROUGH_M)
+            met = [
+                cast_ray(cells, CELL_M, start, turn, way_m) < way_m - THROUGH_M
+                for turn in (0.0, BESIDE_RAD, -BESIDE_RAD)
+            ]
+            assert through[index] == all(met)
 
 
 def test_the_beams_of_all_lasers_have_fits() -> None:

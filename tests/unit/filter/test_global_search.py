@@ -5,7 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clustermcl.filter.arrays import UNKNOWN, Cells, Pose
+from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells, Pose
+from clustermcl.filter.laser.beam_fits import beam_fits, decoded
+from clustermcl.filter.laser.evidence_model import (
+    THROUGH_WEIGHT,
+    scan_exponent,
+    through_beam_loss,
+)
 from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.observations.fixes import PoseFix
 from clustermcl.filter.observations.kind import NO_LANDMARKS
@@ -138,3 +144,28 @@ def test_a_map_without_a_free_cell_is_refused() -> None:
     cells[10, 10] = 1
     with pytest.raises(ValueError, match="no free cell"):
         search_in(cells)
+
+
+def test_a_place_loses_what_beams_through_walls_explain_once_for_a_standing_robot() -> None:
+    """Of two places alike, a wall stands in the view of the far one."""
+    seen, cells = seen_from(START, symmetric_room()), symmetric_room()
+    cells[4:28, 90] = OCCUPIED
+    model, far = model_of(cells), np.array([5.0, 0.8, math.pi - 0.4])
+    fits, through = decoded(beam_fits(far, seen, model, mirrored=False))
+    explained = through_beam_loss(model.settings) * float(fits @ through)
+    lost = THROUGH_WEIGHT * scan_exponent(seen.count, model.settings) * explained
+    assert lost > 0.4
+    shares = {}
+    for belief in (LITERAL, BeliefSettings()):
+        search, rng = search_in(cells, belief=belief), np.random.default_rng(0)
+        before, far_side = None, []
+        for _ in range(6):
+            finished(search.advance(before, START, seen, rng))
+            places = finished(search.places(np.random.default_rng(0)))
+            far_side.append(sum(place.share for place in places if place.mean[0] > 3.0))
+            before = START
+        shares[belief] = far_side
+    as_it_fits, without = shares.values()
+    odds = as_it_fits[0] / (1.0 - as_it_fits[0]) * math.exp(-lost)
+    assert without[0] == pytest.approx(odds / (1.0 + odds), abs=0.05)
+    np.testing.assert_allclose(without, without[0], atol=0.03)
