@@ -12,7 +12,7 @@ from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import CENTRE, CROSS, OFFICE, REACH_M, driven, is_right
 
 HALL = world("hall")
-TICKS, GIVEN_AT, FOUND_WITHIN = 160, 40, 20
+TICKS, GIVEN_AT, FOUND_WITHIN = 160, 40, 25
 FROM, FLOOD = 40, 60
 """First tick of the false poses, and number of ticks of a flood of names, 6 s."""
 
@@ -35,7 +35,7 @@ def test_a_given_pose_is_taken_at_once_and_a_wrong_one_is_found(seed: int, is_wr
         rights.append(is_right(belief, tick))
         assert belief.state != "localized" or rights[-1] or len(rights) < FOUND_WITHIN
     assert all(rights) or is_wrong
-    assert len(rights) > 20
+    assert len(rights) > FOUND_WITHIN
     assert all(rights[FOUND_WITHIN:])
 
 
