@@ -18,9 +18,7 @@ FROM, FLOOD = 40, 60
 
 
 @pytest.mark.parametrize("is_wrong", [False, True])
-@pytest.mark.parametrize(
-    "seed", [1, 2, 4]
-)  # 3, 5: within 20, too; 0 after 55, with so few particles
+@pytest.mark.parametrize("seed", [1, 2, 5])  # 0 takes 55 steps, with so few particles
 def test_a_given_pose_is_taken_at_once_and_a_wrong_one_is_found(seed: int, is_wrong: bool) -> None:
     """The robot was sure of its place before if the pose is wrong, and of a wrong one if not."""
     simulation, mcl = Simulation(HALL, seed), ClusterMCL(HALL.map, settings=SMALL, seed=seed)
