@@ -14,7 +14,7 @@ from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 THROUGH_M, BESIDE_RAD = 0.45, 0.05
 """A beam goes through a wall if it ends this far behind the first obstacle on its ray [m], and so
 do rays turned by this to either side [rad]. Map and pose have errors: if the heading is slightly
-wrong, a ray along a wall may enter it for metres, but then one beside it does not."""
+wrong, a ray along a wall may enter it for metres, but those beside it do not."""
 _TURNS = tuple((cos(turn), sin(turn)) for turn in (0.0, BESIDE_RAD, -2.0 * BESIDE_RAD))
 """Cosine and sine of the turns to a ray itself, and then to one on either side."""
 _THROUGH = 1
