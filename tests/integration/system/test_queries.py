@@ -157,7 +157,7 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
     with Client(system) as client:
         answer: PoseAnswer = client.pose()
     assert answer.pose == pytest.approx((5.0, 6.0, math.radians(86.0)))
-    assert answer.probability == pytest.approx(0.95)
+    assert answer.probability == pytest.approx(0.817, abs=0.001)  # of 0.95, within 1 m
     assert answer.state == "searching", "no scan has confirmed it: the recording is over"
 
 

@@ -1,6 +1,6 @@
 import os
 import re
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import msgspec
@@ -91,7 +91,8 @@ def test_replay_prints_only_the_requested_steps_or_time(recording: Path) -> None
     at = datetime.fromisoformat(whole[10][:23])
     times = [(datetime.fromisoformat(line[:23]) - at).total_seconds() for line in whole]
     for first in (0, 11):  # with its date, or on any day
-        words = ("--from", whole[10][first:23], "--to", whole[30][first:23])
+        before = str(datetime.fromisoformat(whole[30][:23]) - timedelta(microseconds=1))
+        words = ("--from", whole[10][first:23], "--to", before[first:])
         expected = [line for line in whole if whole[10][:23] <= line[:23] < whole[30][:23]]
         assert run(recording, *words).stdout.splitlines() == [*expected, last]
         around = [line for line, s in zip(whole, times, strict=True) if abs(s) <= 5.0]
