@@ -72,9 +72,11 @@ def compile_kernels(sensor: SensorSettings) -> None:
     except OSError as error:
         reason = str(error)
     except subprocess.CalledProcessError as error:
-        if error.returncode in (-signal.SIGINT, -signal.SIGTERM):
-            raise StoppedError from None
         reason = (error.stderr.strip().splitlines() or [str(error)])[-1]
+        # Python that is interrupted while it starts exits with 1.
+        interrupted = error.returncode in (-signal.SIGINT, -signal.SIGTERM)
+        if interrupted or reason == "KeyboardInterrupt":
+            raise StoppedError from None
     _log.warning(
         "no library of kernels can be built, so each process takes 100 MB and some 20 s more: %s",
         reason,
