@@ -49,6 +49,8 @@ def draw_scores() -> None:
     scores = scores.sort_values("cluster-mcl")
     figure, axes = plt.subplots(figsize=(7.5, 0.2 * len(scores) + 1))
     for algorithm, ink in reversed(INKS.items()):
+        if algorithm not in scores:
+            continue  # tables of older commits have others
         axes.plot(scores[algorithm], scores.index, "o", color=ink, label=NAMES[algorithm])
     axes.set_xlabel("logarithmic score: 0 is the best, -6.9 the worst")
     axes.grid(axis="y", alpha=0.3)

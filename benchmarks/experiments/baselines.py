@@ -57,9 +57,9 @@ class SquaredPrior(InProcess):
 def to_the_letter(settings: FilterSettings) -> FilterSettings:
     """Return the settings without the departures of docs/paper.md.
 
-    Beams are independent, every step resamples, the prior of a cluster is
-    squared (eq. 17), evidence is not tempered, K clusters are kept, particles never change their
-    cluster (eq. 14) and kidnapping is impossible.
+    Beams are independent, every step resamples, the prior of a cluster is squared (eq. 17),
+    evidence is not tempered, K clusters are kept, particles never change their cluster (eq. 14) and
+    kidnapping is impossible.
     """
     return changed(
         settings,

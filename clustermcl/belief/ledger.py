@@ -20,7 +20,7 @@ _OUTSIDE = (-2, -1)
 class Ledger:
     """The log probabilities of all hypotheses after each cause of a change, from the first on.
 
-    It computes nothing before the end of a step. Arrays of a few numbers are slower than lists.
+    Log odds are computed at the end of a step. Arrays of a few numbers are slower than lists.
     """
 
     def __init__(
@@ -41,10 +41,8 @@ class Ledger:
         self._entries.append((cause, (*held.clusters, *_OUTSIDE), logs))
 
     def _note_near(self, cause: str) -> None:
-        held = self._clusters
-        near, log_elsewhere = held.near(*self._reach)
-        logs = [*near, log_elsewhere, held.log_off_map]
-        self._entries.append((cause, (*held.clusters, *_OUTSIDE), logs))
+        near, log_elsewhere = self._clusters.near(*self._reach)
+        self.note_update(cause, np.array(near), 0.0, log_elsewhere, self._clusters.log_off_map)
 
     def note_update(
         self,

@@ -333,16 +333,17 @@ class GlobalSearch:
     ) -> Slices[LogWeights]:
         """Return what (N,) poses lose, because beams through walls fit at their place [nat]."""
         lost, settings = np.zeros(len(shares) + 1), self._model.settings
+        if self._settings.belief.piece_evidence == 0.0:
+            return lost[labels]
         best = np.zeros(len(shares) + 1, np.int64)  # the last is of poses without a place
         order = np.argsort(kept.log_weights, kind="stable")
         best[labels[order]] = order
-        if self._settings.belief.piece_evidence > 0.0:
-            for place in np.flatnonzero(shares >= _FOLLOWED_SHARE):
-                pose = kept.poses[best[place]]
-                fits, through = decoded(beam_fits(pose, beams, self._model, mirrored=False))
-                explained = through_beam_loss(settings) * float(fits @ through)
-                lost[place] = THROUGH_WEIGHT * scan_exponent(beams.count, settings) * explained
-                yield from self._meter.spend(_RAY_WORK * beams.count)
+        for place in np.flatnonzero(shares >= _FOLLOWED_SHARE):
+            pose = kept.poses[best[place]]
+            fits, through = decoded(beam_fits(pose, beams, self._model, mirrored=False))
+            explained = through_beam_loss(settings) * float(fits @ through)
+            lost[place] = THROUGH_WEIGHT * scan_exponent(beams.count, settings) * explained
+            yield from self._meter.spend(_RAY_WORK * beams.count)
         return lost[labels]
 
 
