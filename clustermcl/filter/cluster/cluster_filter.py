@@ -84,8 +84,8 @@ def measurement_update(
     """Multiply the weights by the likelihood of a scan; without beams, they stay.
 
     `exponent` is there because beams are not independent. If less than all of the scan is new, its
-    `share`, times `share_by_fit`, is a further factor of the log-likelihood, for the weights but
-    not for the evidence.
+    `share`, times `share_by_fit`, is a further factor of the log-likelihood and of the penalty for
+    ground that is not free, for the weights but not for the evidence.
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
@@ -97,7 +97,7 @@ def measurement_update(
     best = _most_probable(particles, exponent * fit)
     if share < 1.0:
         share *= share_by_fit(float(fit.max()) / beams.count, model.settings)
-        log_weights, _ = multiplied(before, fit, share * exponent, penalty)
+        log_weights, _ = multiplied(before, fit, share * exponent, share * penalty)
     return MeasurementUpdate(ParticleSet(poses, log_weights), total, poses[best])
 
 

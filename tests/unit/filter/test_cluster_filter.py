@@ -82,6 +82,25 @@ def test_the_exponent_applies_to_the_scan_and_not_to_the_free_ground() -> None:
     np.testing.assert_allclose(np.diff(result.particles.log_weights), np.diff(expected))
 
 
+def test_ground_that_is_not_free_counts_as_little_as_the_scan_that_is_not_new() -> None:
+    """Where walls have moved, the robot drives through those of the map."""
+    poses = np.array([[1.0, 3.0, 0.3], [0.01, 3.0, 0.3]])
+    beams = seen_from(HERE, plain_room())
+    with_penalty, without = (
+        measurement_update(
+            ParticleSet.even(poses), beams, model_of(plain_room(), sensor), 0.25, share=0.3
+        )
+        for sensor in (
+            SensorSettings(not_free_log_penalty=-2.0),
+            SensorSettings(not_free_log_penalty=0.0),
+        )
+    )
+    fit = model_of(plain_room()).log_likelihood(poses, beams).max() / beams.count
+    share = 0.3 * share_by_fit(float(fit), SensorSettings())
+    odds = [np.diff(each.particles.log_weights)[0] for each in (with_penalty, without)]
+    assert odds[0] - odds[1] == pytest.approx(-2.0 * share)
+
+
 def test_the_most_probable_particle_is_one_where_the_others_are() -> None:
     """One that a robot half a metre away would fit is not."""
     astray = compose(HERE, np.array([0.5, 0.0, 0.0]))
