@@ -230,7 +230,7 @@ def as_many_all_the_time(clusters: int) -> list[str]:
         f"belief.max_clusters={clusters}",
         "belief.search_every_steps=1000000",
         "belief.least_probability=1e-12",
-        "belief.merge_distance_m=1e-9",
+        "search.source_radius_m=0.1",
     ]
 
 

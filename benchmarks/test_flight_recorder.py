@@ -46,7 +46,6 @@ STARTED = Started(
             max_clusters=CLUSTERS,
             search_every_steps=10**9,
             kidnapping_probability=0.0,
-            merge_distance_m=0.0,
         ),
     ),
     settings=CoordinatorSettings(),

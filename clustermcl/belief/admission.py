@@ -75,8 +75,7 @@ def admission(
     """Select the places of a search that no cluster holds and that are probable enough.
 
     When the search is over, its places get a trial weight: the belief may have lost the robot
-    without noticing. A place too near to a cluster for a search to separate them is more likely
-    that cluster's own, and gets no trial.
+    without noticing.
 
     Args:
         pool: the places of the search.
@@ -84,7 +83,7 @@ def admission(
             it its weight.
         then: where they were at the step of the pool, by job.
         first_step: first step of the search.
-        settings: distances at which places count as one.
+        settings: distances at which places count as one, and their least weights.
         is_over: the search takes no further scans.
     """
     rules, search = settings.belief, settings.search
@@ -95,15 +94,13 @@ def admission(
     if log_held is not None:
         log_weight = log_held
         most = clusters.elsewhere + math.fsum(probability for _, probability in own)
-    reach_m = search.source_radius_m if own else rules.merge_distance_m
-    reach_rad = search.source_heading_rad if own else rules.merge_heading_rad
-    is_held = is_near(pool.mean, held, reach_m, reach_rad)
+    is_held = is_near(pool.mean, held, *search.reach)
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
-    is_tracked = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
-    earned = math.exp(min(log_weight, MOST_LOG))
-    on_trial = max(earned, rules.candidate_probability) if is_over and not own else earned
-    weight = share * np.where(is_tracked, earned, on_trial)
+    weight_of_all = math.exp(min(log_weight, MOST_LOG))
+    if is_over and not own:
+        weight_of_all = max(weight_of_all, rules.candidate_probability)
+    weight = share * weight_of_all
     enough = (share > 0.0) & (weight >= rules.least_probability)
     eligible = np.flatnonzero(~is_held & enough)
     eligible = eligible[np.argsort(-weight[eligible], kind="stable")]
@@ -134,10 +131,9 @@ def log_weight_of_held(
     Returns:
         The log weight; None: no place of the pool is a cluster.
     """
-    reach = (rules.source_radius_m, rules.source_heading_rad)
-    is_found = is_near([mean for mean, _ in held], pool.mean, *reach)
+    is_found = is_near([mean for mean, _ in held], pool.mean, *rules.reach)
     near = [one for one, found in zip(held, is_found, strict=True) if found]
-    is_of_near = is_near(pool.mean, [mean for mean, _ in near], *reach)
+    is_of_near = is_near(pool.mean, [mean for mean, _ in near], *rules.reach)
     share = math.fsum(np.array(pool.share)[is_of_near])
     probability = math.fsum(probability for _, probability in near)
     return math.log(probability / share) if probability > 0.0 and share > 0.0 else None

@@ -198,14 +198,14 @@ class ClusterSet(Part):
                     covariance=covariance_tuple(covariance),
                 )
 
-    def merge_overlaps(self) -> list[Ended]:
-        """Join clusters at the same place: probabilities add, the most probable one stays."""
+    def merge_overlaps(self, reach_m: float, reach_rad: float) -> list[Ended]:
+        """Join clusters within this reach: probabilities add, the most probable one stays."""
         ordered = self.by_probability()
         if len(ordered) < 2:
             return []
-        rules, ended = self.rules, list[Ended]()
+        ended = list[Ended]()
         means = np.array([cluster.pose for cluster in ordered])
-        into = merge_overlapping(means, rules.merge_distance_m, rules.merge_heading_rad)
+        into = merge_overlapping(means, reach_m, reach_rad)
         for index in np.unique(into):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
             total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])

@@ -172,7 +172,8 @@ class Ensemble(Part, kw_only=True):
             self._admit_observed(pool_of(step, [observed], np.ones(1), self.settings.search))
             ledger.note("observed places")
         self.search.note_means(step, self.clusters.all())
-        self.events += [*self.clusters.merge_overlaps(), *self.clusters.drop_improbable()]
+        self.events += self.clusters.merge_overlaps(*self.settings.search.reach)
+        self.events += self.clusters.drop_improbable()
         ledger.note("places merged or dropped")
         review_particles(self.clusters, self.settings, step)
         self._follow_search(step, reports)
@@ -413,7 +414,7 @@ class Ensemble(Part, kw_only=True):
         """How far from its pose the robot is at a place [m], [rad]; without bound in the paper."""
         if self.settings.belief.kidnapping_probability == 0.0:
             return math.inf, math.inf
-        return self.settings.search.source_radius_m, self.settings.search.source_heading_rad
+        return self.settings.search.reach
 
     @property
     def _is_patient(self) -> bool:

@@ -55,7 +55,7 @@ def ride(
     Returns:
         Places at the ends where none is tracked, the most probable first.
     """
-    rules, search = settings.belief, settings.search
+    rules = settings.belief
     if rules.link_probability == 0.0:
         return []
     gains, ends = dict[int, float](), list[tuple[Cluster, PoseTuple, float]]()
@@ -65,7 +65,7 @@ def ride(
         for end in others:
             share = cluster.probability * leaves / len(others)
             means = [other.pose for other in held.all()]
-            near = is_near(means, [end], search.source_radius_m, search.source_heading_rad)
+            near = is_near(means, [end], *settings.search.reach)
             if not near.any():
                 ends.append((cluster, end, share))
                 continue

@@ -178,7 +178,7 @@ def pool_of(
 ) -> Pool:
     """Merge lists of found places into one pool; each list's shares are scaled by its weight."""
     views = _views(found, weights)
-    into = merge_overlapping(views.mean, settings.source_radius_m, settings.source_heading_rad)
+    into = merge_overlapping(views.mean, *settings.reach)
     groups: dict[int, list[int]] = {}
     for row, first in enumerate(into.tolist()):
         groups.setdefault(first, []).append(row)

@@ -52,7 +52,7 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_obstacle_distance_m: Positive = 2.0
     """Larger distances to an obstacle count as this one [m]."""
     not_free_log_penalty: Annotated[float, Meta(le=0)] = -1.0
-    """Log-weight of a particle on occupied or unknown ground, at each step."""
+    """Log-weight of a particle on occupied or unknown ground, in each scan."""
 
 
 class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -88,13 +88,19 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     converged_mass: Annotated[float, Meta(gt=0, le=1)] = 0.98
     """A search ends when its best places hold this share."""
     source_radius_m: Positive = 1.0
-    """Points of a cluster are within this distance of its source point [m]."""
+    """Points of a cluster are within this distance of its source point, and clusters whose means
+    are so near merge [m]."""
     source_heading_rad: Positive = 0.5
     """And within this difference in heading [rad]."""
     hand_over_particles: Annotated[int, Meta(gt=0, le=100_000)] = 150
     """Particles of a place in a shard's report, if it may become a cluster."""
     places: Annotated[int, Meta(gt=0, le=10_000)] = 256
     """Places in a shard's report, at most."""
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """How far two poses of one place are apart at most [m], [rad]."""
+        return self.source_radius_m, self.source_heading_rad
 
 
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -124,10 +130,6 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """State `lost` above this probability of elsewhere, off the map included."""
     candidate_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.003
     """Least weight of a search's places, relative to the belief, at its end."""
-    merge_distance_m: Positive = 0.5
-    """Clusters merge if their means are within this distance [m]."""
-    merge_heading_rad: Positive = 0.35
-    """And within this difference in heading [rad]."""
     search_every_steps: PositiveInt = 150
     """Interval from one global search to the next [steps]."""
     localized_probability: Annotated[float, Meta(gt=0, le=1)] = 0.9

@@ -156,9 +156,7 @@ def _continues(
 ) -> bool:
     """Return whether a pose is where the last one of a run and odometry say, and no other place."""
     expected = compose(last[0], between(last[1], by_odometry))
-    rules = settings.search
-    reach = rules.source_radius_m, rules.source_heading_rad
-    return bool(is_near([in_map], [expected], *reach)[0])
+    return bool(is_near([in_map], [expected], *settings.search.reach)[0])
 
 
 def _fitting_share(

@@ -169,9 +169,7 @@ def places_of(
 
 def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
     """Call `cluster_by_source_point` with the settings of a search."""
-    return cluster_by_source_point(
-        poses, log_weights, rules.source_radius_m, rules.source_heading_rad, rules.places
-    )
+    return cluster_by_source_point(poses, log_weights, *rules.reach, rules.places)
 
 
 def found_places(

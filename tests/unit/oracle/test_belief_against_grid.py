@@ -46,7 +46,12 @@ def evidence(room: str, place: str) -> Array:
 
 
 def log_odds(
-    room: str, first: dict[str, float], *, missing: dict[int, str] | None = None, **belief: object
+    room: str,
+    first: dict[str, float],
+    *,
+    missing: dict[int, str] | None = None,
+    reach_m: float = 0.2,
+    **belief: object,
 ) -> list[list[float]]:
     """By seed, the log odds of the others against the first cluster after the last step.
 
@@ -56,15 +61,14 @@ def log_odds(
     found = [(share, PLACES[place]) for place, share in first.items()]
     odds = []
     for seed in SEEDS:
-        given = settings(seed, **belief)
+        given = settings(seed, reach_m=reach_m, **belief)
         *_, (outcome, _) = ensemble_steps(cells, drive(room), found, given, missing=missing)
         reported = [each.probability for each in outcome.hypotheses]
         assert math.fsum([*reported, outcome.elsewhere_probability]) == pytest.approx(1.0)
         lifted = given.belief.kidnapping_probability > 0.0
-        reach = (given.search.source_radius_m, given.search.source_heading_rad)
         logs, beyond = {}, 0.0
         for each in outcome.hypotheses:  # the exact filter's places have no bound
-            share = share_near_mean(each.covariance, *reach) if lifted else 1.0
+            share = share_near_mean(each.covariance, *given.search.reach) if lifted else 1.0
             logs[each.cluster] = each.log_probability - math.log(share)
             beyond += math.exp(logs[each.cluster]) - each.probability
         others = [logs[cluster] for cluster in sorted(logs)[1:]]
@@ -119,7 +123,8 @@ def assert_agrees(
     )
     tracked = {place: share for place, share in shares.items() if place != "elsewhere"}
     lost = {step: f"c{cluster}" for step, cluster in (missing or {}).items()}
-    found = log_odds("plain", tracked, missing=lost, kidnapping_probability=hazard)
+    reach_m = 0.2 if hazard else 1e-9  # those beside each other do not merge
+    found = log_odds("plain", tracked, missing=lost, reach_m=reach_m, kidnapping_probability=hazard)
     for expected, odds in zip(exact, zip(*found, strict=True), strict=True):
         assert_is_mean_of(expected, odds, GRID_ERROR)
 
@@ -151,19 +156,6 @@ def test_two_places_that_look_alike_stay_alike() -> None:
 def test_a_place_without_a_report_keeps_its_probability(third: str) -> None:
     """Elsewhere is compared with the average over the places that reported, not with their sum."""
     assert_agrees({"truth": 0.4, "mirrored": 0.35, third: 0.25}, missing={2: 1, STEPS: 0})
-
-
-def test_merged_places_add_their_weights() -> None:
-    """From the first step on the more probable one's particles speak for both."""
-    shares = {"mirrored": 0.45, "truth": 0.3, "beside": 0.25}
-    gathered = np.stack([evidence("plain", place) for place in shares])
-    odds = exact_log_odds(np.log(list(shares.values())), gathered[:, :1])
-    before = np.exp([0.0, *odds])
-    both = np.log([before[0], before[1] + before[2]])
-    exact = exact_log_odds(both, gathered[:2, 1:])
-    found = log_odds("plain", shares, merge_distance_m=0.6)
-    assert {len(one) for one in found} == {1}
-    assert_is_mean_of(exact[0], [one[0] for one in found], GRID_ERROR)
 
 
 def test_mean_and_covariance_of_a_cluster_agree_with_the_exact_grid() -> None:

@@ -94,9 +94,11 @@ def _scan(step: int, odom: Array, ranges: NDArray[np.float32]) -> Scan:
     )
 
 
-def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettings:
+def settings(
+    seed: int, particles: int = 2000, *, reach_m: float = 0.2, **belief: object
+) -> FilterSettings:
     rules = {
-        "max_clusters": 4, "merge_distance_m": 1e-9, "search_every_steps": 1000,
+        "max_clusters": 4, "search_every_steps": 1000,
         "elsewhere_poses": ELSEWHERE_POSES, "lost_probability": 1.0, **belief,
     }  # fmt: skip
     return FilterSettings(
@@ -104,7 +106,7 @@ def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettin
         motion=MOTION,
         sensor=SENSOR,
         cluster=ClusterSettings(particles=particles, view_distance_m=0.0),
-        search=SearchSettings(shards=1, source_radius_m=0.2),
+        search=SearchSettings(shards=1, source_radius_m=reach_m),
         belief=literal_bayes(**rules),
     )
 

@@ -24,8 +24,6 @@ SETTINGS = FilterSettings(
     search=SearchSettings(source_radius_m=1.0, source_heading_rad=0.5),
     belief=literal_bayes(
         max_clusters=4,
-        merge_distance_m=0.5,
-        merge_heading_rad=0.35,
         candidate_probability=0.02,
         least_probability=0.001,
     ),
@@ -33,7 +31,7 @@ SETTINGS = FilterSettings(
 HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 FAR, FARTHER, LEAST = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
 NEARBY = (0.7, 0.0, 0.0)
-"""From the held place: no longer the same, but too near for a search to separate them."""
+"""From the held place: too near for a search to separate them."""
 NO_EVIDENCE = -math.inf
 
 
@@ -134,15 +132,15 @@ def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     assert [place.pose for place in came.entering] == [FAR], "nor does a search resolve headings"
 
 
-def test_a_place_next_to_a_cluster_enters_only_by_its_weight() -> None:
+def test_a_place_next_to_a_cluster_does_not_enter() -> None:
     found = pool((0.6, NEARBY), (0.4, FAR))
     assert on_trial(found, NO_EVIDENCE) == pytest.approx({FAR: 0.008})
-    assert on_trial(found, math.log(0.1)) == pytest.approx({NEARBY: 0.06, FAR: 0.04})
+    assert on_trial(found, math.log(0.1)) == pytest.approx({FAR: 0.04})
 
 
 def test_a_place_is_near_only_if_both_position_and_heading_are() -> None:
-    turned, aside = (0.0, 0.0, 0.36), (0.51, 0.0, 0.0)
-    found = pool((0.3, turned), (0.3, aside), (0.3, (0.3, 0.3, 0.3)))
+    turned, aside = (0.0, 0.0, 0.51), (1.01, 0.0, 0.0)
+    found = pool((0.3, turned), (0.3, aside), (0.3, (0.7, 0.7, 0.49)))
     assert set(entered(found, 0.0)) == {turned, aside}
 
 

@@ -19,7 +19,7 @@ from clustermcl.belief.cluster_set import (
 )
 from clustermcl.belief.familiarity import CHANCE, Familiarity
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, scan_exponent, through_beam_loss
-from clustermcl.filter.settings import SensorSettings
+from clustermcl.filter.settings import SearchSettings, SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import TrackReport
@@ -28,6 +28,7 @@ from clustermcl.runtime.settings_file import with_setting
 from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
+REACH = SearchSettings().reach
 PLACES: tuple[PoseTuple, ...] = (NORTH, SOUTH, EAST)
 
 
@@ -352,7 +353,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             case "drop":
                 made.drop_improbable()
             case "merge":
-                made.merge_overlaps()
+                made.merge_overlaps(*REACH)
             case "clear":
                 made.clear("forgotten")
         assert math.fsum(probabilities(made)) == pytest.approx(1.0, abs=1e-9)
@@ -375,7 +376,7 @@ def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> No
 def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
     made = first(0.3, 0.5)
     made.clusters[1] = replace(made.clusters[1], pose=(0.1, 5.0, 0.0))
-    assert made.merge_overlaps() == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
+    assert made.merge_overlaps(*REACH) == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
     assert probabilities(made) == pytest.approx([0.8, 0.2])
 
 

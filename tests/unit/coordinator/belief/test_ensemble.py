@@ -194,7 +194,7 @@ def test_relocalize_near_a_place_or_on_a_floor_searches_there_and_later_everywhe
 @pytest.mark.parametrize("step", [1, 2])
 def test_places_of_the_search_that_found_the_clusters_continue_to_enter(step: int) -> None:
     """The clusters that it shares give its weight, also if no cluster has weighed a scan."""
-    made = ensemble(max_clusters=4, merge_distance_m=1e-9)
+    made = ensemble(max_clusters=4)
     made.begin_at(0)
     first = {NORTH: 0.3, SOUTH: 0.1}
     outcome = made.advance(0, [searched(f"s0.{n}", 0, first) for n in range(2)])
