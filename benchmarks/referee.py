@@ -31,6 +31,7 @@ from benchmarks.aged_maps import Pieces
 from benchmarks.experiments import mcl
 from benchmarks.experiments.case import RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
+from benchmarks.people import CrowdSimulation
 from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.outcome import BEFORE_FIRST_STEP, Outcome
 from clustermcl.evaluation import run as runs
@@ -50,7 +51,7 @@ from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.runtime.settings_file import load_settings
-from clustermcl.simulator.simulation import Simulation, simulated_steps
+from clustermcl.simulator.simulation import simulated_steps
 
 STEPS, CHANGED_AT = 100, 60
 GIVEN_OFF_M, GIVEN_OFF_RAD = 0.2, 0.08
@@ -90,6 +91,8 @@ class Trial:
     steps: int = STEPS
     change: str = ""
     """A key of `CHANGES`."""
+    people: int = 0
+    """Number of people who walk near a simulated robot."""
     on_map: bool = True
     scored_from: int = 1
 
@@ -208,6 +211,10 @@ def _in_other_maps(*, small: bool) -> Iterator[Trial]:
     seeds = (1,) if small else (1, 2, 3, 4)
     for world, number in itertools.product(("hall", "office"), seeds):
         yield Trial(row="kidnapped", robot=world, number=number, change="kidnapped")
+        yield Trial(
+            row="given, moved 20 %, people", robot=world, number=number, change="moved 20 %",
+            people=20,
+        )  # fmt: skip
     for robot, number in _AGED_SMALL if small else _AGED:
         yield Trial(row="given, spinning wheels", robot=robot, number=number, change="spinning")
     for world in ("hall_symmetric", "cross"):
@@ -292,7 +299,7 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
         return grid_map, steps
     world = worlds.world(robot)
     start = off_map.start_in_right(world.map, trial.number) if trial.change == "half" else None
-    simulation = Simulation(world, trial.number, start=start)
+    simulation = CrowdSimulation(world, trial.number, trial.people, start=start)
     steps = []
     for step in simulated_steps(simulation, BridgeSettings()):
         steps.append(step)

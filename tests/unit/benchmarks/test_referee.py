@@ -86,3 +86,15 @@ def test_a_given_pose_is_the_belief_of_the_first_step(algorithm: str) -> None:
         assert truth is not None
         away_m = math.dist(after.hypotheses[0].pose[:2], truth[:2])
         assert off_m[0] - 0.5 < away_m < off_m[1] + 0.5
+
+
+def test_people_only_cut_beams_short() -> None:
+    alone, among = (
+        begun(Trial(row="", robot="hall", number=1, steps=3, people=people), None)[1]
+        for people in (0, 20)
+    )
+    for (scan, truth), (cut, same) in zip(alone, among, strict=True):
+        assert same == truth
+        assert cut.odom_from_robot == scan.odom_from_robot
+    nearer = among[-1][0].ranges.array() < alone[-1][0].ranges.array() - 0.5
+    assert 0.05 < np.mean(nearer) < 0.8
