@@ -78,6 +78,7 @@ def experiments(
         for table in (each, over_all(each), behind(each)):
             console.print(_csv(table))
         if tables is not None:
+            tables.mkdir(parents=True, exist_ok=True)
             for name, table in (
                 ("summary", each), ("reliability", reliability(runs)),
                 ("starts", starts(runs)), ("rivals", rivals(runs)),
