@@ -1,6 +1,7 @@
 """Worlds of the experiments: symmetric ones, and halls with an outdated map."""
 
-from clustermcl.simulator.worlds.catalogue import world as known_world
+from clustermcl.runtime.sources import Simulated
+from clustermcl.simulator.worlds.catalogue import simulated_world
 from clustermcl.simulator.worlds.halls import FURNITURE, NICHES, PILLARS, furnish, hall, hall_plan
 from clustermcl.simulator.worlds.world import Canvas, World, world_from_map
 
@@ -106,5 +107,5 @@ WORLDS = {draw.__name__: draw for draw in (rectangle, gates, hall_moved, hall_la
 
 
 def world(name: str) -> World:
-    """Return one of these worlds, or one of the simulator."""
-    return WORLDS[name]() if name in WORLDS else known_world(name)
+    """Return one of these worlds, one of the simulator, or one made of a map file."""
+    return WORLDS[name]() if name in WORLDS else simulated_world(Simulated(name))
