@@ -69,15 +69,23 @@ class Given(msgspec.Struct, frozen=True):
     """Scans since then, each by how new it is."""
     doubt: NotNegative = 0.0
     """Evidence of new beams against it [nat]."""
+    searched: bool = False
+    """Whether a search has found nothing better: it is not doubted again, and if it still holds
+    when it is established, nothing is tracked beside it."""
 
     def after(self, log_odds: float, news: float) -> "Given":
         """Return the test after a scan, whose new beams raise its log odds by this."""
-        doubt = max(self.doubt - log_odds, 0.0) if self.scans < ESTABLISHED else 0.0
-        return Given(self.scans + news, doubt)
+        is_tested = not (self.searched or self.is_established)
+        doubt = max(self.doubt - log_odds, 0.0) if is_tested else 0.0
+        return Given(self.scans + news, doubt, self.searched)
 
     @property
     def is_doubted(self) -> bool:
         return self.doubt > LARGE_FALL
+
+    @property
+    def is_established(self) -> bool:
+        return self.scans >= ESTABLISHED
 
 
 Candidate: TypeAlias = tuple[Place, BeganCause]
@@ -137,6 +145,12 @@ class ClusterSet(Part):
     def best(self) -> Cluster:
         """The place that explains most of what it has seen, however improbable."""
         return max(self.clusters.values(), key=lambda cluster: cluster.familiarity.share)
+
+    @property
+    def oldest_holds(self) -> bool:
+        """Whether the robot is at the oldest place more likely than not."""
+        oldest = next(iter(self.clusters.values()), None)
+        return oldest is not None and oldest.probability > self.rules.lost_probability
 
     def all(self) -> tuple[Cluster, ...]:
         """Return the clusters in the order in which they are summed."""
@@ -277,8 +291,12 @@ class ClusterSet(Part):
         return [0.0] * free + [c.probability for c in reversed(self.by_probability())]
 
     def drop_improbable(self) -> list[Ended]:
-        """End clusters below the least probability; elsewhere gets theirs."""
-        least = self.rules.least_probability
+        """End clusters below the least probability, and all beside a given place that holds.
+
+        Elsewhere gets their probability.
+        """
+        is_held = self.given is not None and self.given.is_established and self.oldest_holds
+        least = 1.0 if is_held else self.rules.least_probability
         leaving = [each for each in self.by_probability()[1:] if each.probability < least]
         ended = self.end(leaving, "improbable")
         logs = [cluster.log_probability for cluster in leaving]

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from clustermcl.belief.admission import admission, first_candidates
 from clustermcl.belief.bayes_update import OPEN, weigh
-from clustermcl.belief.cluster_set import Candidate, ClusterSet
+from clustermcl.belief.cluster_set import Candidate, ClusterSet, Given
 from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
@@ -307,6 +307,8 @@ class Ensemble(Part, kw_only=True):
             self.events += self.search.stop(step, "search over")
             self.founding &= self._is_elsewhere
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
+            if self.clusters.on_map and self.clusters.oldest_holds:
+                self.clusters.given = Given(searched=True)
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
         begin, ended = self.decoy.follow(step, reports, is_open=self.clusters.off_map > OPEN)
@@ -429,7 +431,9 @@ class Ensemble(Part, kw_only=True):
     @property
     def _lost(self) -> bool:
         rules = self.settings.belief
-        most = rules.localized_probability if self.clusters.given else rules.lost_probability
+        given = self.clusters.given
+        is_first = given is not None and not given.searched
+        most = rules.localized_probability if is_first else rules.lost_probability
         return self.clusters.outside_clusters > most
 
     @property

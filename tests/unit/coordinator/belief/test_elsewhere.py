@@ -238,35 +238,57 @@ def test_a_robot_whose_first_place_was_given_is_lost_when_it_fails() -> None:
     assert (outcome.state, outcome.searching) == ("lost", True)
 
 
-@pytest.mark.parametrize("better", [False, True])
-def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended(
-    better: bool,
-) -> None:
-    """The state stays `localized` until then: a changed building looks the same."""
+ENDS = [(1.0 + i, 9.0) for i in range(20)]
+THROUGH = tracked("c1", 1, 1.0, EAST, fits=[-1.0] * len(ENDS))
+
+
+def doubted() -> tuple[Ensemble, int]:
+    """An ensemble whose beams are through walls at a given pose, at its first step of doubt."""
     made = bootstrapped(
         {NORTH: 1.0}, off_map_probability=0.05, least_probability=1e-4, piece_evidence=0.7
     )
     made.set_pose(place(0.95, EAST, 0))
-    ends = [(1.0 + i, 9.0) for i in range(20)]
-    through = tracked("c1", 1, 1.0, EAST, fits=[-1.0] * len(ends))
     step = 0
     while made.clusters.given is not None:
         step += 1
         assert step < 20
         outcome = made.advance(
-            step, [replace(through, step=step), elsewhere(step, -2.0, ends=ends)]
+            step, [replace(THROUGH, step=step), elsewhere(step, -2.0, ends=ENDS)]
         )
     assert outcome.hypotheses[0].probability > 0.9
     assert outcome.searching
-    found = searched("s1.0", step + 1, {SOUTH: 1.0}, log_evidence=5.0 if better else -5.0)
-    for later in range(step + 1, step + 6):
-        seen = [(x, 9.0 * later) for x, _ in ends]
-        reports = [replace(through, step=later), elsewhere(later, -2.0, ends=seen), found]
-        fits = [1.0 if better else -1.0] * len(ends)
-        reports.append(tracked("c2", later, 1.0, SOUTH, fits=fits))
+    return made, step
+
+
+def after_search(made: Ensemble, step: int, fits: float, steps: int) -> Outcome:
+    """The outcome some steps later, if the search finds a place where beams fit so well."""
+    found = searched("s1.0", step + 1, {SOUTH: 1.0}, log_evidence=5.0 * fits)
+    for later in range(step + 1, step + 1 + steps):
+        seen = [(x, 9.0 * later) for x, _ in ENDS]
+        reports = [replace(THROUGH, step=later), elsewhere(later, -2.0, ends=seen), found]
+        reports.append(tracked("c2", later, 1.0, SOUTH, fits=[fits] * len(ENDS)))
         outcome = made.advance(later, reports)
+    return outcome
+
+
+@pytest.mark.parametrize("better", [False, True])
+def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended(
+    better: bool,
+) -> None:
+    """The state stays `localized` until then: a changed building looks the same."""
+    outcome = after_search(*doubted(), fits=1.0 if better else -1.0, steps=5)
     assert outcome.hypotheses[0].pose == (SOUTH if better else EAST)
     assert (outcome.state, outcome.off_map_probability) == ("localized", 0.0)
+
+
+def test_a_doubted_pose_stands_alone_again_once_it_has_held_against_what_a_search_found() -> None:
+    """In a changed building one of many look-alikes would fit better by chance, sooner or later."""
+    made, step = doubted()
+    assert len(after_search(made, step, fits=-1.0, steps=14).hypotheses) == 2
+    made = resumed(made)
+    again = after_search(made, step + 14, fits=-1.0, steps=2)
+    assert [place.pose for place in again.hypotheses] == [EAST]
+    assert (again.state, again.searching) == ("localized", False)
 
 
 def test_a_successor_receives_the_evidence_of_elsewhere() -> None:
