@@ -13,12 +13,13 @@ import matplotlib.pyplot as plt
 
 HERE = Path(__file__).parent
 INKS = {
-    "cluster-mcl": "#0072b2", "amcl-visibility": "#d55e00", "mcl": "#009e73",
-    "paper-letter": "#cc79a7", "amcl": "#e69f00",
+    "cluster-mcl": "#0072b2", "mcl": "#009e73", "amcl-tuned": "#d55e00", "amcl": "#e69f00",
+    "paper-letter": "#cc79a7",
 }  # fmt: skip
+MARKS = "osD^v"
 NAMES = {
-    "cluster-mcl": "Cluster-MCL", "amcl-visibility": "augmented MCL with visibility",
-    "mcl": "ordinary MCL", "paper-letter": "the paper's letter", "amcl": "augmented MCL",
+    "cluster-mcl": "Cluster-MCL", "mcl": "ordinary MCL", "amcl-tuned": "augmented MCL, tuned",
+    "amcl": "augmented MCL", "paper-letter": "the paper's letter",
 }  # fmt: skip
 NEVER = 68
 NAMED_ABOVE_PERCENT = 3.0
@@ -49,8 +50,6 @@ def draw_scores() -> None:
     scores = scores.sort_values("cluster-mcl")
     figure, axes = plt.subplots(figsize=(7.5, 0.2 * len(scores) + 1))
     for algorithm, ink in reversed(INKS.items()):
-        if algorithm not in scores:
-            continue  # tables of older commits have others
         axes.plot(scores[algorithm], scores.index, "o", color=ink, label=NAMES[algorithm])
     axes.set_xlabel("logarithmic score: 0 is the best, -6.9 the worst")
     axes.grid(axis="y", alpha=0.3)
@@ -62,10 +61,10 @@ def draw_rivals() -> None:
     """How often each algorithm is sure and wrong, by how soon it is sure and right."""
     table = pd.read_csv(HERE / "experiments" / "rivals.csv")
     figure, axes = plt.subplots(figsize=(7.5, 3.4))
-    for (algorithm, ink), mark in zip(INKS.items(), "osD", strict=False):
+    for (algorithm, ink), mark in zip(INKS.items(), MARKS, strict=True):
         theirs = table[table["algorithm"] == algorithm]
         late, wrong = theirs["sure_at_step"].clip(upper=NEVER), 100.0 * theirs["sure_and_wrong"]
-        axes.scatter(late, wrong, 40, ink, mark, label=NAMES[algorithm], alpha=0.75)
+        axes.scatter(late, wrong, 40, ink, marker=mark, label=NAMES[algorithm], alpha=0.75)
         for name, x, y in zip(theirs["recording"], late, wrong, strict=True):
             if y > NAMED_ABOVE_PERCENT:
                 axes.annotate(name, (x, y), (5, 3), textcoords="offset points", fontsize=8)
