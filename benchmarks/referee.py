@@ -54,6 +54,8 @@ from clustermcl.runtime.settings_file import load_settings
 from clustermcl.simulator.simulation import simulated_steps
 
 STEPS, CHANGED_AT = 100, 60
+WHOLE = 1_000_000
+"""Steps of a recording, at most."""
 GIVEN_OFF_M, GIVEN_OFF_RAD = 0.2, 0.08
 GIVEN_SIGMA_M, GIVEN_SIGMA_RAD = 0.5, 0.26
 """As `set_pose` and nav2 have them."""
@@ -228,7 +230,9 @@ def _in_other_maps(*, small: bool) -> Iterator[Trial]:
     for (row, begin), name in itertools.product(_BEGINS, _LOGS[6:8] if small else _LOGS):
         yield Trial(row=f"aged logs, {row}", robot=f"aged/{name}", begin=begin, steps=160)
     for name in _PLAIN[:2] if small else _PLAIN:
-        yield Trial(row="plain tracking, given", robot=name, steps=400)
+        for change in ("", "moved 20 %", "refurnished"):
+            row = f"given, whole recordings, {change or 'true map'}"
+            yield Trial(row=row, robot=name, steps=WHOLE, change=change)
 
 
 def _off_map(*, small: bool) -> Iterator[Trial]:

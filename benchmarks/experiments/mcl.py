@@ -27,7 +27,7 @@ from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.resampling import resample
 from clustermcl.filter.search.places import FoundPlace, places_of
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.scan_arrays import scan_beams
+from clustermcl.jobs.scan_arrays import motion_by_scans, scan_beams
 from clustermcl.protocol.answers import Hypothesis
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
 from clustermcl.protocol.steps import Scan
@@ -164,7 +164,8 @@ class OrdinaryMCL:
             particles = self._shrunk(self.redrawn(self.particles, rng), rng)
             motion = between(before, self._odom_from_robot)
             noise = standard_normals(rng, 3, len(particles.map_from_robot))
-            moved = move(particles.map_from_robot, motion, settings.motion, noise)
+            by_scans = motion_by_scans(scan, scan.step - 1)
+            moved = move(particles.map_from_robot, motion, settings.motion, noise, by_scans)
             particles = ParticleSet(moved, particles.log_weights)
         self.particles = self._weighed(particles, scan_beams(scan, self._model))
         self.steps += 1

@@ -26,7 +26,13 @@ from clustermcl.filter.search import global_search, places
 from clustermcl.filter.search.uniform_poses import UniformPoses
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.filter.slices import Slices, finished
-from clustermcl.jobs.scan_arrays import ScanArrays, observation_arrays, observed, scan_beams
+from clustermcl.jobs.scan_arrays import (
+    ScanArrays,
+    motion_by_scans,
+    observation_arrays,
+    observed,
+    scan_beams,
+)
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.found_places import FoundPlaces
@@ -137,6 +143,7 @@ class Tracking(RunningJob):
             rng,
             is_first=self._is_new,
             count=particles if scan.step >= particles_from else None,
+            by_scans=motion_by_scans(scan, self.step),
         )
         self._is_new = False
         self._particle_set, self._odom_from_robot, self.step = result.particles, after, scan.step

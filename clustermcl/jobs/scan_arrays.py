@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from clustermcl.filter.arrays import Pose
 from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
 from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.observations.likelihood import ObservationArrays
@@ -52,6 +53,12 @@ def scan_of_laser(beams: Scan | LaserBeams) -> LaserScan:
         beams.angle_step_rad,
         np.array(beams.robot_from_laser),
     )
+
+
+def motion_by_scans(scan: Scan, step_before: int) -> Pose | None:
+    """Return the (3,) motion that contradicts odometry, for a job that has the step before."""
+    motion = scan.motion_by_scans if scan.step == step_before + 1 else None
+    return None if motion is None else np.array(motion)
 
 
 def observed(scan: Scan) -> tuple[list[Observed], Landmarks]:

@@ -187,6 +187,8 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     step: ScanStep
     stamp_ns: Stamp
     odom_from_robot: PoseTuple
+    motion_by_scans: PoseTuple | None = None
+    """Motion since the step before as its scan and this one show it, if odometry contradicts it."""
     robot_from_laser: PoseTuple
     angle_min_rad: Finite
     angle_step_rad: Finite
@@ -231,6 +233,7 @@ def mirrored(scan: Scan) -> Scan:
     return msgspec.structs.replace(
         scan,
         odom_from_robot=_reflected(scan.odom_from_robot),
+        motion_by_scans=scan.motion_by_scans and _reflected(scan.motion_by_scans),
         others=others,
         observations=(),
         **_mirrored_beams(scan),

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 from msgspec.structs import asdict, replace
 
+from clustermcl.filter.laser.scan_matching import motion_by_scans
+from clustermcl.filter.laser.sensor_model import LaserScan
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import section_with
+from clustermcl.jobs.scan_arrays import scan_of_laser
 from clustermcl.protocol import steps
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.arrays import ArrayBlob
@@ -123,6 +126,8 @@ class StepMaker:
         self._own_robot = OwnRobot(self.dropped)
         self.gate = MotionGate(settings)
         self._observed = PendingObservations(landmarks, self.dropped, map_digest)
+        self._last: tuple[PoseTuple, LaserScan] | None = None
+        """Odometry and scan of the last step."""
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
@@ -210,12 +215,14 @@ class StepMaker:
         step, seen = self._next_step, self._observed.take(self._next_step, pose)
         found, self._own_robot.found = self._own_robot.found, False
         self._next_step += 1
+        beams = beams_of(reading)
         yield steps.Scan(
             sender=self._sender,
             step=step,
             stamp_ns=reading.stamp_ns,
             odom_from_robot=pose,
-            **asdict(beams_of(reading)),
+            motion_by_scans=self._motion_by_scans(pose, beams),
+            **asdict(beams),
             map_digest=self._map_digest,
             lockstep=self._lockstep,
             live=self._live,
@@ -227,6 +234,15 @@ class StepMaker:
             remarks=self.dropped.remarks(reading.stamp_ns),
             floors=self._floors,
         )
+
+    def _motion_by_scans(self, pose: PoseTuple, beams: steps.LaserBeams) -> PoseTuple | None:
+        """Return how scans contradict odometry since the last step, and keep this step's."""
+        scan, last = scan_of_laser(beams), self._last
+        self._last = pose, scan
+        if last is None:
+            return None
+        motion = motion_by_scans(last[1], scan, between(np.array(last[0]), np.array(pose)))
+        return None if motion is None else pose_tuple(motion)
 
     def _others(
         self, reading: steps.LaserReading, odom_from_robot: PoseTuple

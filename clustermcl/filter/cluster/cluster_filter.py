@@ -139,20 +139,21 @@ def mcl_step(
     *,
     is_first: bool = False,
     count: int | None = None,
+    by_scans: Pose | None = None,
 ) -> MeasurementUpdate:
     """Resample, move by odometry, and weigh by a scan.
 
     Particles never leave their cluster (eq. 14).
 
     All of the particles' first scan is new. A resampling draws `count` particles; None: as many as
-    there are.
+    there are. `by_scans` as in `move`.
 
     References:
         Section 2, routine 1-3; the draw is omitted while the effective sample size suffices.
     """
     particles = resampled(particles, count or len(particles.log_weights), settings, rng)
     noise = standard_normals(rng, 3, len(particles.log_weights))
-    moved = move(particles.map_from_robot, before_from_after, motion, noise)
+    moved = move(particles.map_from_robot, before_from_after, motion, noise, by_scans)
     exponent = scan_exponent(beams.count, model.settings)
     share = 1.0 if is_first else new_share(before_from_after, settings)
     after_motion = ParticleSet(moved, particles.log_weights)

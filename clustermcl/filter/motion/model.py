@@ -17,12 +17,16 @@ def move(
     before_from_after: Pose,
     settings: MotionSettings,
     noise: NDArray[np.float32],
+    by_scans: Pose | None = None,
 ) -> Poses:
     """Draw every particle's next pose from p(x_t | u_t, x_{t-1}).
 
     The (3,) motion is by odometry, in the frame before it. The (3, N) noise is standard normal:
     along the drive, across the drive and turn (omnidirectional), or first turn, drive and second
     turn (differential).
+
+    A (3,) motion `by_scans` contradicts odometry: each is right with probability 1/2, and every
+    second particle moves by the scans.
 
     Returns:
         (N, 3) new array; headings in [-pi, pi). Without motion there is no noise.
@@ -32,6 +36,11 @@ def move(
         (omnidirectional). nav2's alphas are variances: our noise is the root of an alpha.
     """
     poses = plain(map_from_robot)
+    if by_scans is not None:
+        moved = move(poses, before_from_after, settings, noise)
+        odd = np.ascontiguousarray(noise[:, 1::2])
+        moved[1::2] = move(poses[1::2], by_scans, settings, odd)
+        return moved
     if settings.model == "differential":
         return _turn_drive_turn(poses, turn_drive_turn(before_from_after, settings), noise)
     along = along_across_turn(before_from_after, settings)

@@ -23,11 +23,12 @@ def test_beams_end_on_the_other_side_of_the_robot() -> None:
         range_max_m=8.0,
         ranges=ArrayBlob.of(np.array([3.0, 5.0]), "float32"),
     )
-    scan = msgspec.structs.replace(SCAN, others=(other,))
+    scan = msgspec.structs.replace(SCAN, others=(other,), motion_by_scans=(0.3, 0.1, 0.2))
     image = mirrored(scan)
     for before, after in ((scan, image), (other, image.others[0])):
         np.testing.assert_allclose(
             beam_ends(after)[::-1], beam_ends(before) * (1.0, -1.0), atol=1e-12
         )
     assert image.odom_from_robot == (1.0, -2.0, -0.5)
+    assert image.motion_by_scans == (0.3, -0.1, -0.2)
     assert mirrored(image) == scan

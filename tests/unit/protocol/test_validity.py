@@ -91,6 +91,7 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(scan(3), step=MAX_SCAN_STEP), "$.step"),
         (changed(scan(3), stamp_ns=2**63), "$.stamp_ns"),
         (changed(scan(3), odom_from_robot=(math.inf, 0.0, 0.0)), "$.odom_from_robot[0]"),
+        (changed(scan(3), motion_by_scans=(math.inf, 0.0, 0.0)), "$.motion_by_scans[0]"),
         (changed(scan(3), ranges=ArrayBlob.of(np.full(3, np.nan), "float32")), "no_returns"),
         (changed(scan(3), angle_step_rad=math.nan), "$.angle_step_rad"),
         (ScanHistory(sender="b", scans=(scan(1), changed(scan(2), step=-2))), "$.scans[1].step"),

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
+from clustermcl.filter.poses import between
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
@@ -16,6 +18,8 @@ from clustermcl.protocol.steps import LaserReading, Reading, Scan
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.stages import MAX_WAITING_SCANS
 from clustermcl.sensor_bridge.step_maker import MotionGate, StepMaker
+from tests.unit.filter.naive_rays import cast_rays
+from tests.unit.filter.rooms import CELL_M, plain_room
 from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 
@@ -186,6 +190,24 @@ def test_a_jump_of_odometry_is_removed() -> None:
     # the robot drove on: 50, 51, no motion over the jump, one metre more
     assert [step.odom_from_robot[0] for step in steps] == pytest.approx([50.0, 51.0, 52.0])
     assert maker.dropped == {Cause.ODOMETRY_JUMPED: 1}
+
+
+def test_a_step_carries_the_motion_by_scans_if_odometry_contradicts_it() -> None:
+    """The robot drives ahead, and its odometry backwards at one step."""
+    angles, odometry_m, readings = np.linspace(-3.1, 3.1, 180), (0.0, 0.3, 0.0, 0.3), []
+    for number, x in enumerate(odometry_m):
+        pose = np.array([2.6 + 0.3 * number, 2.8, 0.4])
+        ranges = cast_rays(plain_room(), CELL_M, pose, angles, 8.0)
+        reading = replace(
+            laser_reading(float(number), (x, 0.0, 0.4), ranges),
+            angle_min_rad=float(angles[0]),
+            angle_step_rad=float(angles[1] - angles[0]),
+        )
+        readings.append(reading)
+    motions = [step.motion_by_scans for step in made_of(*readings)]
+    assert [motion is None for motion in motions] == [True, True, False, True]
+    expected = between(np.array([0.0, 0.0, 0.4]), np.array([0.3, 0.0, 0.4]))
+    assert motions[2] == pytest.approx(expected, abs=0.1)
 
 
 def faulty_drive(fault: str) -> list[Reading]:

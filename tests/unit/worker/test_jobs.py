@@ -79,6 +79,18 @@ def test_steps_do_not_share_their_noise(model: SensorModel) -> None:
     assert np.abs(first - second).min() > 1e-9
 
 
+@pytest.mark.parametrize(("last", "reversed_by_scans"), [(0, 0.5), (-1, 0.0)])
+def test_half_of_the_particles_move_by_scans_that_contradict_odometry(
+    model: SensorModel, last: int, reversed_by_scans: float
+) -> None:
+    """But not by those of one step only, where the step before was missed."""
+    assignment = track("c0", cloud(last), exact=True)
+    job = running(assignment, model, KEPT, sender="w")
+    before = poses_of(job)[:, 0]
+    job.advance(replace(scan(1), motion_by_scans=(-0.3, 0.0, 0.0)))
+    assert np.mean(poses_of(job)[:, 0] < before) == reversed_by_scans
+
+
 def test_a_report_describes_the_current_particles(model: SensorModel) -> None:
     job = begun("c0", model)
     report = [job.advance(scan(step)) for step in (1, 2, 3)][-1]
