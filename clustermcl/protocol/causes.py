@@ -41,6 +41,10 @@ class Cause(StrEnum):
     BEFORE_MAP = "reading before the map", "the robot has not published its map yet"
     CLOCK_RESTARTED = "clock restarted", "stamps jumped far back; the new time is used"
     ODOMETRY_JUMPED = "odometry jumped", "it was faster than 10 m/s or 10 rad/s: taken as no motion"
+    ODOMETRY_CONTRADICTED = (
+        "odometry contradicted",
+        "two scans show another motion: half of the particles move by these",
+    )
     LASER_SILENT = "laser silent", "no scan for more than 2 s by the stamps"
     ODOMETRY_SILENT = "odometry silent", "no odometry for more than 2 s by the stamps"
     OWN_ROBOT = "robot before its laser", "beams end on the robot itself; they are left out"

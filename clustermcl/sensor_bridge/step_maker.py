@@ -1,5 +1,6 @@
 """Makes numbered steps from a robot's readings: checks, synchronises and gates them."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
@@ -241,8 +242,14 @@ class StepMaker:
         self._last = pose, scan
         if last is None:
             return None
-        motion = motion_by_scans(last[1], scan, between(np.array(last[0]), np.array(pose)))
-        return None if motion is None else pose_tuple(motion)
+        by_odometry = between(np.array(last[0]), np.array(pose))
+        motion = motion_by_scans(last[1], scan, by_odometry)
+        if motion is None:
+            return None
+        apart_m, apart_rad = moved(pose_tuple(by_odometry), pose_tuple(motion))
+        detail = f"by {apart_m:.2f} m and {math.degrees(apart_rad):.0f} deg"
+        self.dropped.add(Cause.ODOMETRY_CONTRADICTED, detail)
+        return pose_tuple(motion)
 
     def _others(
         self, reading: steps.LaserReading, odom_from_robot: PoseTuple

@@ -204,10 +204,12 @@ def test_a_step_carries_the_motion_by_scans_if_odometry_contradicts_it() -> None
             angle_step_rad=float(angles[1] - angles[0]),
         )
         readings.append(reading)
-    motions = [step.motion_by_scans for step in made_of(*readings)]
+    maker = a_maker()
+    motions = [step.motion_by_scans for step in made_of(*readings, maker=maker)]
     assert [motion is None for motion in motions] == [True, True, False, True]
     expected = between(np.array([0.0, 0.0, 0.4]), np.array([0.3, 0.0, 0.4]))
     assert motions[2] == pytest.approx(expected, abs=0.1)
+    assert dict(maker.dropped) == {Cause.ODOMETRY_CONTRADICTED: 1}
 
 
 def faulty_drive(fault: str) -> list[Reading]:
