@@ -89,6 +89,7 @@ def first_after_kidnapping(seed: int, *, observes: bool = True) -> tuple[bool, b
     return before, next(rights(20, (tag,) if observes else ()))
 
 
+@pytest.mark.filterwarnings("ignore:odometry contradicted")
 def test_a_kidnapped_robot_is_localized_at_the_first_observation_and_later_without() -> None:
     """In one run, another pose in sight of the tag fits the first scan better."""
     before, after = zip(*map(first_after_kidnapping, range(4)), strict=True)
