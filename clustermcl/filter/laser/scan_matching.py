@@ -39,12 +39,11 @@ def motion_by_scans(before: LaserScan, after: LaserScan, by_odometry: Pose) -> P
         Lu and Milios, "Robot pose estimation in unknown environments by matching 2D range scans"
         (1997): ends of beams are compared with the earlier range in their direction.
     """
-    ends = _ends_in_robot(after)
-    if min(len(ends), len(_ends_in_robot(before))) < _LEAST_BEAMS:
+    if min(len(_compared(before)), len(_compared(after))) < _LEAST_BEAMS:
         return None
-    finest_m = _GRIDS[-1][0]
-    share = _explained(before, ends, by_odometry[np.newaxis], finest_m)[0]
-    if share >= _EXPLAINED:
+    ends, finest_m = _ends_in_robot(after), _GRIDS[-1][0]
+    explained_by_odometry = _explained(before, ends, by_odometry[np.newaxis], finest_m)[0]
+    if explained_by_odometry >= _EXPLAINED:
         return None
     best, explained = by_odometry, 0.0
     for *grid, beams in _GRIDS:
@@ -56,14 +55,19 @@ def motion_by_scans(before: LaserScan, after: LaserScan, by_odometry: Pose) -> P
         best, explained = motions[chosen], shares[chosen]
     along, across, turn = between(by_odometry, best)
     is_apart = np.hypot(along, across) > _APART_M or abs(turn) > _APART_RAD
-    return best if is_apart and explained > max(_EXPLAINED, share + _MORE) else None
+    least = max(_EXPLAINED, explained_by_odometry + _MORE)
+    return best if is_apart and explained > least else None
+
+
+def _compared(scan: LaserScan) -> NDArray[np.int64]:
+    """Return the indices of the beams that are compared."""
+    return usable_beams(np.asarray(scan.ranges, np.float64), scan.range_max_m, _BEAMS)
 
 
 def _ends_in_robot(scan: LaserScan) -> Points:
     """Return the (n, 2) ends of some beams in the robot's frame [m]."""
-    ranges = np.asarray(scan.ranges, np.float64)
-    chosen = usable_beams(ranges, scan.range_max_m, _BEAMS)
-    ranges, directions = ranges[chosen], scan.angles[chosen]
+    chosen = _compared(scan)
+    ranges, directions = np.asarray(scan.ranges, np.float64)[chosen], scan.angles[chosen]
     in_laser = np.column_stack(
         [ranges * np.cos(directions), ranges * np.sin(directions), np.zeros(len(chosen))]
     )
