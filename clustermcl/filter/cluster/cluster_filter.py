@@ -57,11 +57,22 @@ class ParticleSet:
 class MeasurementUpdate:
     """A particle set after a scan, and the evidence of the scan."""
 
+    expected: ParticleSet
+    """The particles before it."""
     particles: ParticleSet
     log_weight_sum: float
     """Log of the sum of w_{t-1} p(z_t | x_t) over N particles whose weights sum to N."""
-    best: Pose | None = None
-    """(3,) the most probable particle; None if the scan has no beams."""
+    log_likelihood: LogWeights | None = None
+    """(N,) of the scan at the particles; None if it has no beams."""
+
+    @property
+    def best(self) -> Pose | None:
+        """(3,) the most probable particle; None if the scan has no beams."""
+        if self.log_likelihood is None:
+            return None
+        index = _most_probable(self.expected, self.log_likelihood)
+        best: Pose = self.expected.map_from_robot[index]
+        return best
 
 
 def resampled(
@@ -89,16 +100,15 @@ def measurement_update(
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
-        return MeasurementUpdate(particles, math.log(len(before)))
+        return MeasurementUpdate(particles, particles, math.log(len(before)))
     fit = model.log_likelihood(poses, beams)
     # The likelihood field is high inside walls, where no robot can be.
     penalty = ground_log_penalty(poses, model.grid, model.settings.not_free_log_penalty)
     log_weights, total = multiplied(before, fit, exponent, penalty)
-    best = _most_probable(particles, exponent * fit)
     if share < 1.0:
         share *= share_by_fit(float(fit.max()) / beams.count, model.settings)
         log_weights, _ = multiplied(before, fit, share * exponent, share * penalty)
-    return MeasurementUpdate(ParticleSet(poses, log_weights), total, poses[best])
+    return MeasurementUpdate(particles, ParticleSet(poses, log_weights), total, exponent * fit)
 
 
 def _most_probable(expected: ParticleSet, log_likelihood: LogWeights) -> int:
