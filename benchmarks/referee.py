@@ -1,6 +1,6 @@
 """One battery, one scorer, one table: are changes of the belief good for a robot?
 
-    python -m benchmarks.referee [--small] [--rows NAME]... [--set KEY=VALUE]... [--cache FOLDER]
+    python -m benchmarks.referee [--small] [--rows NAME]... [--draw NAME] [--set KEY=VALUE]...
 
 The folder of recordings is that of CLUSTERMCL_DATA. Each row is a kind of trial, such as "moved
 20 %": robots of several buildings whose map has aged. Ordinary and augmented MCL with 2,000
@@ -17,7 +17,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
@@ -97,6 +97,8 @@ class Trial:
     """Number of people who walk near a simulated robot."""
     on_map: bool = True
     scored_from: int = 1
+    draw: str = ""
+    """Other changes of the map, and another given pose, for each name."""
 
     @property
     def name(self) -> str:
@@ -109,8 +111,9 @@ class Trial:
     @property
     def rng(self) -> np.random.Generator:
         """Random numbers that depend on the robot and the change, not on the filter."""
-        named = hashlib.sha256(f"{self.robot} {self.number} {self.change}".encode()).digest()
-        return np.random.default_rng(np.frombuffer(named, np.uint32))
+        named = f"{self.draw} {self.robot} {self.number} {self.change}".lstrip()
+        digest = hashlib.sha256(named.encode()).digest()
+        return np.random.default_rng(np.frombuffer(digest, np.uint32))
 
 
 class Score(msgspec.Struct, frozen=True):
@@ -453,6 +456,7 @@ def main(
     *,
     small: bool = False,
     rows: Annotated[list[str], typer.Option(help="Part of a row's name and its robot.")] = [],  # noqa: B006
+    draw: Annotated[str, typer.Option(help="Draw other changes of the maps.")] = "",
     algorithms: str = ",".join(ALGORITHMS),
     chosen: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE")] = [],  # noqa: B006
     cache_folder: Annotated[Path | None, typer.Option("--cache")] = None,
@@ -462,7 +466,8 @@ def main(
     """Print a Markdown table: sr / sw / lost (right), tracked at the end, log score, RMSE."""
     named = os.environ.get(DATA_VARIABLE)
     data = Path(named) if named else None
-    trials = [t for t in battery(small=small) if not rows or any(name in t.name for name in rows)]
+    drawn = (replace(trial, draw=draw) for trial in battery(small=small))
+    trials = [t for t in drawn if not rows or any(name in t.name for name in rows)]
     names = algorithms.split(",")
     tasks = list(itertools.product(trials, names))
     found: dict[tuple[str, str], list[Score]] = {}

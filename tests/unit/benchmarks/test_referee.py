@@ -1,6 +1,7 @@
 """Maps age as specified, and a run's figures are those of its beliefs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,13 @@ def test_a_change_alters_what_it_says_and_nothing_else(change: str) -> None:
     if change == "aside":
         reach = round(0.5 / HALL.cell_m) + 1
         assert np.all(binary_dilation(old == OCCUPIED, iterations=2 * reach)[new == OCCUPIED])
+
+
+def test_each_draw_has_changes_of_its_own() -> None:
+    trial = Trial(row="given", robot="hall")
+    first = [replace(trial, draw=draw).rng.integers(2**60) for draw in ("", "", "a", "b")]
+    assert first[0] == first[1]
+    assert len(set(first)) == 3
 
 
 def test_new_furniture_leaves_the_path_clear_and_ends_beams_before_old_walls() -> None:
