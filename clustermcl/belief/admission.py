@@ -58,7 +58,7 @@ class Admission:
     entering: tuple[Place, ...]
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
-    """Share of the search's probability in places that clusters hold or that enter."""
+    """Share of the search's probability in these places."""
     is_shared: bool
     """Whether they share the probability of clusters that are places of the same search."""
 
@@ -93,10 +93,9 @@ def admission(
     log_held = log_weight_of_held(pool, own, search)
     if log_held is not None:
         log_weight = log_held
-        most = clusters.elsewhere + math.fsum(probability for _, probability in own)
+        most = math.fsum(probability for _, probability in own)
     is_held = is_near(pool.mean, held, *search.reach)
     share = np.array(pool.share)
-    explained = sum(share[is_held].tolist(), start=0.0)
     weight_of_all = math.exp(min(log_weight, MOST_LOG))
     if is_over and not own:
         weight_of_all = max(weight_of_all, rules.candidate_probability)
@@ -111,7 +110,7 @@ def admission(
         for index, leaving in zip(eligible.tolist(), clusters.room(), strict=False)
         if weight[index] * got > leaving
     ]
-    explained += math.fsum(pool.share[index] for index in entering)
+    explained = math.fsum(share[entering])
     weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
     return Admission(weighed, min(explained, 1.0), log_held is not None)
 

@@ -263,21 +263,18 @@ class ClusterSet(Part):
         ]
         return admitted, events
 
-    def sharing(
-        self, candidates: Sequence[Candidate], first_step: int, explained: float
-    ) -> list[Candidate]:
+    def sharing(self, candidates: Sequence[Candidate], first_step: int) -> list[Candidate]:
         """Move probability to candidates, from earlier places of the same search only.
 
         Args:
             candidates: newly found places, with weights relative to the belief.
             first_step: first step of the search; clusters that began since then have a positive
                 probability.
-            explained: probability that moves from elsewhere to the places of the search.
         """
         own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
         held = math.fsum(cluster.probability for cluster in own)
         weight = math.fsum(place.share for place, _ in candidates)
-        kept = (held + explained) / (held + weight)
+        kept = held / (held + weight)
         for cluster in own:
             self.change(cluster, log_probability=cluster.log_probability + math.log(kept))
         return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
@@ -320,27 +317,6 @@ class ClusterSet(Part):
         """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
         self.log_elsewhere += rest
-
-    def keep_off_map(
-        self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
-    ) -> None:
-        """Raise off the map before `admit`, so that candidates have elsewhere's odds against it.
-
-        A search also finds places that fit well for a robot that is off the map. So the good fit
-        of candidates is no evidence about off the map.
-
-        Args:
-            candidates: with weights relative to the belief.
-            log_elsewhere: log of the probability of elsewhere when their search began.
-            log_off_map: log of the probability of off the map at that time.
-        """
-        weight = math.fsum(place.share for place, _ in candidates)
-        most = min(max(self.off_map, math.exp(log_off_map)), 1.0 - 1e-12)
-        kept = min(
-            log_of(weight) + log_off_map - log_elsewhere,
-            log_of(most / (1.0 - most)) + log_of(1.0 - self.off_map + weight),
-        )
-        self.log_off_map = max(self.log_off_map, kept)
 
     def _is_anywhere(self) -> None:
         """Give all probability to elsewhere on this map and off the map."""

@@ -25,7 +25,7 @@ from clustermcl.belief.particle_shares import (
     review_particles,
 )
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
-from clustermcl.belief.search_pool import Pool, SearchPool, pool_of
+from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import new_share
@@ -272,8 +272,7 @@ class Ensemble(Part, kw_only=True):
         near: Circle | None = None,
         corners: Corners | None = None,
     ) -> None:
-        outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
-        self.begin |= self.search.begin(first_step, *outside, near, corners)
+        self.begin |= self.search.begin(first_step, near, corners)
 
     def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
@@ -300,9 +299,9 @@ class Ensemble(Part, kw_only=True):
             return
         is_over = search.finished(fresh, self.settings, patient=self._is_patient)
         if not len(self.clusters):
-            self._admit_first(search, fresh, step)
+            self._admit_first(fresh, step)
         else:
-            self._admit_candidates(search, fresh, step, is_over=is_over)
+            self._admit_candidates(fresh, step, is_over=is_over)
         if is_over:
             self.events += self.search.stop(step, "search over")
             self.founding &= self._is_elsewhere
@@ -315,7 +314,7 @@ class Ensemble(Part, kw_only=True):
         self.begin |= begin
         self.events += ended
 
-    def _admit_first(self, search: SearchPool, pool: Pool, step: int) -> None:
+    def _admit_first(self, pool: Pool, step: int) -> None:
         """Admit the most probable places (section 4), and the prior pose if there is one."""
         entering = first_candidates(pool, self.prior_pose, self.settings.belief)
         if not entering:
@@ -323,35 +322,29 @@ class Ensemble(Part, kw_only=True):
         self.prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         before = self.clusters.elsewhere
-        self.clusters.take_from_elsewhere(search.newly_explained(explained))
+        self.clusters.take_from_elsewhere(explained)
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
-    def _admit_candidates(
-        self, search: SearchPool, pool: Pool, step: int, *, is_over: bool
-    ) -> None:
+    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
         """Admit places that no cluster holds; their probability is taken from elsewhere.
 
         Once some places of the search are clusters, their probability is shared with later ones.
         """
-        then, first_step, settings = self.search.means[pool.step], search.first_step, self.settings
-        found = admission(pool, self.clusters, then, first_step, settings, is_over=is_over)
-        before = self.clusters.elsewhere
-        self.clusters.take_from_elsewhere(search.newly_explained(found.explained))
+        then, first_step = self.search.means[pool.step], self.search.first_step
+        found = admission(pool, self.clusters, then, first_step, self.settings, is_over=is_over)
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
         if found.is_shared:
-            explained = before - self.clusters.elsewhere
-            entering = self.clusters.sharing(entering, first_step, explained)
-        self.clusters.keep_off_map(entering, search.log_elsewhere, search.log_off_map)
+            entering = self.clusters.sharing(entering, first_step)
+        else:
+            self.clusters.take_from_elsewhere(found.explained)
         self._admit(entering, step)
 
     def _admit_observed(self, pool: Pool) -> None:
-        """Admit places that an observation allows; they share the probability of elsewhere."""
+        """Admit places that an observation allows; they take the probability of elsewhere."""
         step, now = pool.step, {cluster.job_id: cluster.pose for cluster in self.clusters.all()}
         found = admission(pool, self.clusters, now, step + 1, self.settings, is_over=False)
-        if found.entering:
-            self.clusters.take_from_elsewhere(found.explained)
-            entering: list[Candidate] = [(place, "observed") for place in found.entering]
-            self._admit(entering, step)
+        self.clusters.take_from_elsewhere(found.explained)
+        self._admit([(place, "observed") for place in found.entering], step)
 
     def _admit(self, candidates: Sequence[Candidate], step: int) -> None:
         if candidates and len(self.clusters):

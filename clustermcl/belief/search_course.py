@@ -77,8 +77,6 @@ class SearchCourse(Part):
     def begin(
         self,
         first_step: int,
-        log_elsewhere: float = 0.0,
-        log_off_map: float = -math.inf,
         near: Circle | None = None,
         corners: Corners | None = None,
     ) -> dict[str, Job]:
@@ -86,14 +84,12 @@ class SearchCourse(Part):
 
         Args:
             first_step: the first step whose scan it uses.
-            log_elsewhere: log of the probability that the robot is elsewhere on the map.
-            log_off_map: log of the probability that it is not on the map.
             near: circle to search; None: the whole map.
             corners: opposite ones of the rectangle to search; None: the whole map.
         """
         kind, shards = "m" if self.mirrored else "s", range(self.settings.search.shards)
         job_ids = tuple(f"{kind}{self.begun}.{shard}" for shard in shards)
-        self.pool = SearchPool(job_ids, first_step, log_elsewhere, log_off_map)
+        self.pool = SearchPool(job_ids, first_step)
         jobs: dict[str, Job] = {
             job_id: SearchJob(
                 search=self.begun,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.belief.overlaps import merge_overlapping
-from clustermcl.belief.part import FEW, LogProbability, Part, Text
+from clustermcl.belief.part import FEW, Part, Text
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.settings import FilterSettings, SearchSettings, Share
 from clustermcl.protocol.arrays import ArrayBlob
@@ -90,12 +90,6 @@ class SearchPool(Part):
     job_ids: Annotated[tuple[Text, ...], FEW]
     first_step: NumberOrNone
     """The first step whose scan it uses."""
-    log_elsewhere: LogProbability = 0.0
-    """Log of the probability, when the search began, that the robot was elsewhere."""
-    log_off_map: LogProbability = -math.inf
-    """Log of the probability, when the search began, that the robot was not on the map."""
-    explained: Share = 0.0
-    """Share of its places that clusters hold or that were admitted."""
     progress: Share = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
@@ -142,11 +136,6 @@ class SearchPool(Part):
         weights = np.exp(shards - np.logaddexp.reduce(shards))
         gaps = [r.left_out_gap for r, w in zip(reports, weights, strict=True) if w > _NO_WEIGHT]
         return pool_of(step, [report.places for report in reports], weights, rules, min(gaps))
-
-    def newly_explained(self, share: float) -> float:
-        """Return the share of elsewhere that is newly `explained`, at most 1."""
-        before, self.explained = self.explained, max(share, self.explained)
-        return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
 
     def finished(self, pool: Pool, settings: FilterSettings, *, patient: bool) -> bool:
         """Return whether the search is over: its best places weigh enough, or it took too long.

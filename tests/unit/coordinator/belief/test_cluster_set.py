@@ -367,7 +367,7 @@ def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> No
     made.admit([(place(0.25, SOUTH, 5), "restart")], 5)
     *old, held = probabilities(made)[:3]
     found: list[Candidate] = [(place(0.6 * held, NORTH, 6), "restart")]
-    made.admit(made.sharing(found, 5, 0.0), 6)
+    made.admit(made.sharing(found, 5), 6)
     after = probabilities(made)
     assert after[:2] == pytest.approx(old)
     assert after[2:4] == pytest.approx([held / 1.6, 0.6 * held / 1.6])

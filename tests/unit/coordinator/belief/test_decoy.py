@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clustermcl.belief.bayes_update import weigh
-from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet, Given
+from clustermcl.belief.cluster_set import Cluster, ClusterSet, Given
 from clustermcl.belief.explained import NO_PLACE
 from clustermcl.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
 from clustermcl.filter.settings import (
@@ -14,7 +14,7 @@ from clustermcl.filter.settings import (
     SensorSettings,
 )
 from clustermcl.protocol.work import SearchReport, TrackJob
-from tests.unit.coordinator.reports import NO_SPREAD, place, searched, tracked
+from tests.unit.coordinator.reports import NO_SPREAD, searched, tracked
 
 SETTINGS = FilterSettings(search=SearchSettings(shards=1))
 PLACES = {(1.0 * i, 5.0 * i, 0.0): 0.2 for i in range(5)}
@@ -133,31 +133,6 @@ def test_a_place_that_explains_next_to_nothing_is_none() -> None:
 def test_a_place_is_confirmed_without_a_decoy_only_if_the_robot_is_surely_on_the_map() -> None:
     assert weighed(0.3, 0.9, None) == pytest.approx(0.3, abs=0.02)
     assert weighed(0.015, 0.9, None) < 0.001
-
-
-def candidates(weight: float) -> list[Candidate]:
-    return [(place(weight, (9.0, 0.0, 0.0), 0), "restart")]
-
-
-@pytest.mark.parametrize("weight", [1e-3, 1.0, 1e40])
-@pytest.mark.parametrize("off_map", [0.001, 0.5, 1.0 - 1e-9])
-def test_places_selected_by_a_search_are_no_evidence_for_being_on_the_map(
-    weight: float, off_map: float
-) -> None:
-    made = clusters(off_map)
-    made.keep_off_map(candidates(weight), math.log(1e-4), math.log(0.5))
-    made.admit(candidates(weight), 1)
-    assert made.off_map <= max(off_map, 0.5) + 1e-9, "nor does off the map gain by it"
-    new = next(c for c in made.all() if c.cluster == 1)
-    assert new.probability <= max(made.off_map * 2e-4, 1.0 - max(off_map, 0.5)) * (1.0 + 1e-6)
-
-
-def test_a_lifted_robot_is_found_with_off_the_map_as_without() -> None:
-    made = clusters(1e-6)
-    made.keep_off_map(candidates(1e3), math.log(0.6), math.log(0.03))
-    made.admit(candidates(1e3), 1)
-    assert made.by_probability()[0].cluster == 1
-    assert made.off_map < 0.06
 
 
 @pytest.mark.parametrize("is_given", [False, True])

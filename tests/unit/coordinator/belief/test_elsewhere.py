@@ -151,7 +151,7 @@ def test_a_search_is_worth_what_elsewhere_is_now() -> None:
     outcome = made.advance(3, [*at_north(3, -5.0, -5.0), found])
     # Both hypotheses weighed both scans.
     north, there = 0.98 * math.exp(-8.0), 0.02 * math.exp(-9.0)
-    total = north + 0.25 * there  # all of the search is where clusters are, or enters
+    total = north + there  # of which elsewhere keeps what the search gave to NORTH
     assert believed(outcome) == pytest.approx({0: north / total, 1: 0.25 * there / total})
 
 

@@ -1,13 +1,4 @@
-import pytest
-
 from clustermcl.belief.search_course import KEPT_STEPS, SearchCourse
-from clustermcl.belief.search_pool import SearchPool
-
-
-def test_later_explanations_take_a_share_of_the_remaining_weight() -> None:
-    search = SearchPool(("s0.0",), 1)
-    shares = [search.newly_explained(share) for share in (0.5, 0.8, 0.6, 1.0, 1.0)]
-    assert shares == pytest.approx([0.5, 0.6, 0.0, 1.0, 0.0]), "of 1, 0.5, 0.2, 0.2 and nothing"
 
 
 def test_where_clusters_were_is_known_of_the_last_steps_only() -> None:
