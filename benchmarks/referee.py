@@ -233,7 +233,7 @@ def _in_other_maps(*, small: bool) -> Iterator[Trial]:
     for (row, begin), name in itertools.product(_BEGINS, _LOGS[6:8] if small else _LOGS):
         yield Trial(row=f"aged logs, {row}", robot=f"aged/{name}", begin=begin, steps=160)
     for name in _PLAIN[:2] if small else _PLAIN:
-        for change in ("", "moved 20 %", "refurnished"):
+        for change in ("", "moved 20 %", "moved 40 %", "refurnished"):
             row = f"given, whole recordings, {change or 'true map'}"
             yield Trial(row=row, robot=name, steps=WHOLE, change=change)
 

@@ -63,7 +63,7 @@ class MeasurementUpdate:
     log_weight_sum: float
     """Log of the sum of w_{t-1} p(z_t | x_t) over N particles whose weights sum to N."""
     log_likelihood: LogWeights | None = None
-    """(N,) of the scan at the particles; None if it has no beams."""
+    """(N,) of the scan at the particles, times its exponent; None if it has no beams."""
 
     @property
     def best(self) -> Pose | None:

@@ -115,6 +115,8 @@ def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leav
         Ended("s1.1", "search over"),
     )
     assert probabilities(outcome)[0] / probabilities(outcome)[1] == pytest.approx(2.0)
+    total = sum(probabilities(outcome).values()) + outcome.elsewhere_probability
+    assert total == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("reporting", [("c0",), ("c0", "c1")])
