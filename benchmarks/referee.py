@@ -42,6 +42,7 @@ from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.jobs.in_process import InProcess
 from clustermcl.jobs.map_model import sensor_model
+from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.protocol.steps import Scan, mirrored
@@ -471,6 +472,7 @@ def main(
     names = algorithms.split(",")
     tasks = list(itertools.product(trials, names))
     found: dict[tuple[str, str], list[Score]] = {}
+    compile_kernels(load_settings(None, chosen).sensor)
     with ProcessPoolExecutor(jobs) as pool:
         waiting = [pool.submit(run_or_read, t, a, chosen, data, cache_folder) for t, a in tasks]
         print(f"| row | {' | '.join(names)} |\n|{' --- |' * (1 + len(names))}", flush=True)

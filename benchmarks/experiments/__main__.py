@@ -23,6 +23,7 @@ from benchmarks.experiments.task import run_task
 from clustermcl.commands.evaluate import MOST_JOBS, MOST_RUNS
 from clustermcl.commands.options import Assignments, SettingsFile
 from clustermcl.evaluation.run import in_parallel
+from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol.errors import ClusterMclError, SettingsError
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.stop import StoppedError, stop_on_signals
@@ -101,6 +102,7 @@ def experiments(
     tasks = [
         task for task in tasks_of(cases, chosen, span, settings) if key_of(task) not in table.done
     ]
+    compile_kernels(settings.sensor)
     stop = stop_on_signals(exit_after_s=5.0)
     done = in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop)
     shown = Console(stderr=True)
