@@ -26,7 +26,7 @@ import msgspec
 import numpy as np
 import typer
 
-from benchmarks import aged_maps, off_map, worlds
+from benchmarks import aged_maps, off_map_robots, worlds
 from benchmarks.aged_maps import Pieces
 from benchmarks.experiments import mcl
 from benchmarks.experiments.case import RecordedRobot
@@ -250,7 +250,7 @@ def _off_map(*, small: bool) -> Iterator[Trial]:
                 row="mirrored", robot=name, number=number, begin="nothing", change="mirrored",
                 on_map=False,
             )  # fmt: skip
-    for robot, place in off_map.FOREIGN[:2] if small else off_map.FOREIGN:
+    for robot, place in off_map_robots.FOREIGN[:2] if small else off_map_robots.FOREIGN:
         yield Trial(row="foreign", robot=f"{robot} in {place}", begin="nothing", on_map=False)
     for world, number in (("hall", 1),) if small else itertools.product(("hall", "office"), (1, 2)):
         yield Trial(
@@ -306,7 +306,9 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
             return load_map(cases[place].robot.map), [(scan, None) for scan, _ in steps]
         return grid_map, steps
     world = worlds.world(robot)
-    start = off_map.start_in_right(world.map, trial.number) if trial.change == "half" else None
+    start = (
+        off_map_robots.start_in_right(world.map, trial.number) if trial.change == "half" else None
+    )
     simulation = CrowdSimulation(world, trial.number, trial.people, start=start)
     steps = []
     for step in simulated_steps(simulation, BridgeSettings()):
@@ -315,7 +317,7 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
             break
         if trial.change == "kidnapped" and len(steps) == KIDNAPPED_AT:
             simulation.kidnap()
-    grid_map = off_map.without_right(world.map) if trial.change == "half" else world.map
+    grid_map = off_map_robots.without_right(world.map) if trial.change == "half" else world.map
     return grid_map, steps
 
 

@@ -5,17 +5,12 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
 from msgspec.structs import replace
 
-from clustermcl.changes.keeper import ChangeKeeper
-from clustermcl.filter.kernels import library as kernel_library
-from clustermcl.filter.settings import SensorSettings
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Received, Token, ask, is_alive
 from clustermcl.protocol import errors, keys, steps
@@ -32,6 +27,7 @@ from clustermcl.runtime import sources
 from clustermcl.runtime.folders import state_folder
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.building_changes import BuildingChanges
 from clustermcl.sensor_bridge.flow_control import FlowControl
 from clustermcl.sensor_bridge.recorded import Source, recorded_source
 from clustermcl.sensor_bridge.refused import Refused
@@ -47,9 +43,6 @@ KEPT_COMMANDS = 100
 """Command ids remembered, so that a repeated command has no further effect."""
 HELD_BACK = "scans held back"
 """Counter of scans that made no step because of back-pressure."""
-
-RENEW_CHANGES_S = 5.0
-"""Least time between two looks at what has changed in the building [s]."""
 
 OnStep: TypeAlias = Callable[[steps.Scan], None]
 
@@ -141,9 +134,7 @@ class Bridge:
         self._is_live = source is None
         self._landmarks = load_landmarks(settings.landmarks) if settings.landmarks else ()
         """Of maps that the robot publishes."""
-        self._folder = folder
-        self._changes: ChangeKeeper | None = None
-        self._collected_s = self._renewed_s = 0.0
+        self._changes = BuildingChanges(node, folder)
         self._map = self._use_map(grid_map) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
@@ -176,8 +167,6 @@ class Bridge:
             node.subscribe(
                 keys.MAP_READING, steps.MapReading, self._on_map_reading, kind="map", kept=1
             )
-        self._changed = node.publisher(keys.CHANGES)
-        node.serve(keys.CHANGES, self._on_changes_query)
         node.announce(keys.BRIDGE_ALIVE)
 
     def run(self) -> None:
@@ -185,14 +174,13 @@ class Bridge:
         waits_until_s = time.monotonic() + WAIT_S if self._is_live else math.inf
         while not self._node.stop.is_set():
             self._node.turn(self._send_due())
-            self._renew_changes()
+            self._changes.renew()
             if self._map is None:
                 self._ask_for_map()
             if time.monotonic() > waits_until_s and self._map is not None:
                 waits_until_s = math.inf
                 self._report_waiting()
-        if self._changes is not None:
-            self._changes.save()
+        self._changes.save()
 
     def _report_waiting(self) -> None:
         done = self._node.health.health().done
@@ -344,56 +332,8 @@ class Bridge:
 
     def _use_map(self, grid_map: GridMap) -> steps.MapMessage:
         """Return the map as a message; collect its changes from now on."""
-        self._changes = None
-        node, digest = self._node, grid_map.digest
-
-        def begun() -> ChangeKeeper:
-            if kernel_library.library() is None:
-                from clustermcl.jobs.warm_up import compile_kernels  # noqa: PLC0415 - seldom
-
-                compile_kernels(SensorSettings())
-            return ChangeKeeper(grid_map, self._folder, node.robot, node.name)
-
-        def on_begun(future: Future[ChangeKeeper]) -> None:
-            try:
-                keeper = future.result()
-            except errors.ClusterMclError as error:
-                _log.warning("changes of the building are not collected: %s", error)
-                return
-            if self._map is not None and self._map.digest == digest:
-                self._changes = keeper
-
-        node.in_background(begun, on_begun)
-        return to_message(grid_map, node.name)
-
-    def _collect(self, belief: Belief) -> None:
-        scans = (scan for scan in reversed(self._history) if scan.step == belief.step)
-        if self._changes is not None and (scan := next(scans, None)) is not None:
-            self._changes.on_step(scan, belief)
-            self._collected_s = time.monotonic()
-
-    def _renew_changes(self) -> None:
-        """Publish changes in a while after they were collected, if there are new ones."""
-        is_due = time.monotonic() - self._renewed_s > RENEW_CHANGES_S
-        if self._changes is not None and is_due and self._collected_s > self._renewed_s:
-            self._renewed_s = math.inf
-            self._node.in_background(self._changes.renew, partial(self._on_renewed, self._changes))
-
-    def _on_renewed(self, keeper: ChangeKeeper, renewed: Future[bool]) -> None:
-        self._renewed_s = time.monotonic()
-        gone, new, moving = keeper.newest.area_m2
-        self._node.health.gauges = {
-            "gone [m2]": gone, "new [m2]": new, "moving [m2]": moving,
-            "share of the map seen lately": keeper.newest.seen_share,
-        }  # fmt: skip
-        if renewed.result():
-            self._changed.put(replace(keeper.newest, zlib_seen_min=b""))
-
-    def _on_changes_query(self, asked: Asked) -> None:
-        if self._changes is None:
-            asked.refuse("no changes are collected yet")
-        else:
-            asked.answer(self._changes.newest)
+        self._changes.begin(grid_map)
+        return to_message(grid_map, self._node.name)
 
     # --- other messages
 
@@ -404,7 +344,7 @@ class Bridge:
         if self._maker is not None:
             self._node.health.sources = self._maker.on_belief(belief).health()
         searching = belief.state == "searching"
-        self._collect(belief)
+        self._changes.collect(reversed(self._history), belief)
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
 
     def _on_map_query(self, asked: Asked) -> None:
