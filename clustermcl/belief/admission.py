@@ -12,40 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.belief.cluster_set import Candidate, ClusterSet
+from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import moved_pose
 from clustermcl.belief.overlaps import is_near
 from clustermcl.belief.search_pool import Pool
-from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from clustermcl.filter.settings import SearchSettings
+from clustermcl.protocol.job_events import BeganCause
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import Place
-
-
-def first_candidates(pool: Pool, prior: Place | None, rules: BeliefSettings) -> list[Candidate]:
-    """Return the places of a first search, most probable first, and the robot's last pose.
-
-    The share of a place is its probability, of which `prior` leaves a part. The rest, up to one, is
-    the probability of elsewhere. If the last pose is one of the places, they merge.
-
-    Args:
-        pool: the places of the search.
-        prior: the last pose as it was after an earlier step; it is tracked from there.
-        rules: contain the largest number of clusters, and their least probability.
-
-    Returns:
-        Empty while no place is probable enough.
-    """
-    first = enumerate(pool.share[: rules.max_clusters])
-    found = [pool.place(index, share) for index, share in first if share >= rules.least_probability]
-    if prior is None or not found:
-        return [(place, "first search") for place in found]
-    now = moved_pose(prior.pose, prior.sample.odom_from_robot, pool.views.odom_from_robot)
-    kept, left = found[: rules.max_clusters - 1], 1.0 - prior.share
-    return [
-        *((replace(place, share=left * place.share), "first search") for place in kept),
-        (replace(prior, pose=now), "prior pose"),
-    ]
-
 
 MOST_LOG = 100.0
 """Bound of a log weight relative to the belief: far more is the same, and numbers stay finite."""
@@ -53,14 +27,54 @@ MOST_LOG = 100.0
 
 @dataclass(frozen=True)
 class Admission:
-    """The result of comparing a search with the clusters."""
+    """The places of a search that become clusters, and which hypotheses make way."""
 
-    entering: tuple[Place, ...]
+    entering: tuple[Candidate, ...]
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
-    """Share of the search's probability in these places."""
-    is_shared: bool
-    """Whether they share the probability of clusters that are places of the same search."""
+    """Share of the search's probability in these places, which elsewhere loses."""
+    earlier: tuple[Cluster, ...] = ()
+    """Earlier places of the same search, which make way in place of elsewhere."""
+    kept: float = 1.0
+    """Share of their probability that these keep."""
+
+    def make_way(self, clusters: ClusterSet) -> None:
+        """Take the probability of what enters."""
+        if not self.earlier:
+            clusters.take_from_elsewhere(self.explained)
+        for cluster in self.earlier:
+            log_probability = cluster.log_probability + math.log(self.kept)
+            clusters.change(cluster, log_probability=log_probability)
+
+
+def first_admission(pool: Pool, prior: Place | None, clusters: ClusterSet) -> Admission:
+    """Select the places of a first search, and the robot's last pose.
+
+    The share of a place is its probability, of which `prior` leaves a part. The rest, up to one, is
+    the probability of elsewhere. If the last pose is one of the places, they merge.
+
+    Args:
+        pool: the places of the search.
+        prior: the last pose as it was after an earlier step; it is tracked from there.
+        clusters: none yet, with the largest number of clusters, and their least probability.
+
+    Returns:
+        Nothing enters while no place is probable enough.
+    """
+    rules, before = clusters.rules, clusters.elsewhere
+    first = enumerate(pool.share[: rules.max_clusters])
+    found = [pool.place(index, share) for index, share in first if share >= rules.least_probability]
+    entering: list[Candidate] = [(place, "first search") for place in found]
+    if prior is not None and found:
+        now = moved_pose(prior.pose, prior.sample.odom_from_robot, pool.views.odom_from_robot)
+        left = 1.0 - prior.share
+        entering = [
+            *((replace(p, share=left * p.share), c) for p, c in entering[: rules.max_clusters - 1]),
+            (replace(prior, pose=now), "prior pose"),
+        ]
+    explained = min(math.fsum(place.share for place, _ in entering), 1.0)
+    weighed = ((replace(place, share=before * place.share), cause) for place, cause in entering)
+    return Admission(tuple(weighed), explained)
 
 
 def admission(
@@ -68,9 +82,10 @@ def admission(
     clusters: ClusterSet,
     then: Mapping[str, PoseTuple],
     first_step: int,
-    settings: FilterSettings,
+    search: SearchSettings,
+    cause: BeganCause,
     *,
-    is_over: bool,
+    is_over: bool = False,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
 
@@ -83,17 +98,18 @@ def admission(
             it its weight.
         then: where they were at the step of the pool, by job.
         first_step: first step of the search.
-        settings: distances at which places count as one, and their least weights.
+        search: distances within which places are the same.
+        cause: why they become clusters.
         is_over: the search takes no further scans.
     """
-    rules, search = settings.belief, settings.search
+    rules = clusters.rules
     held = [then[job_id] for job_id in clusters.job_ids]
-    own = [(then[c.job_id], c.probability) for c in clusters.all() if c.born_step >= first_step]
+    own = tuple(cluster for cluster in clusters.all() if cluster.born_step >= first_step)
     log_weight, most = clusters.log_elsewhere, math.inf
-    log_held = log_weight_of_held(pool, own, search)
+    log_held = log_weight_of_held(pool, [(then[c.job_id], c.probability) for c in own], search)
     if log_held is not None:
         log_weight = log_held
-        most = math.fsum(probability for _, probability in own)
+        most = math.fsum(cluster.probability for cluster in own)
     is_held = is_near(pool.mean, held, *search.reach)
     share = np.array(pool.share)
     weight_of_all = math.exp(min(log_weight, MOST_LOG))
@@ -110,9 +126,10 @@ def admission(
         for index, leaving in zip(eligible.tolist(), clusters.room(), strict=False)
         if weight[index] * got > leaving
     ]
-    explained = math.fsum(share[entering])
-    weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
-    return Admission(weighed, min(explained, 1.0), log_held is not None)
+    explained = min(math.fsum(share[entering]), 1.0)
+    kept = 1.0 if log_held is None else most / (most + math.fsum(weight[entering]))
+    places = ((pool.place(index, kept * float(weight[index])), cause) for index in entering)
+    return Admission(tuple(places), explained, () if log_held is None else own, kept)
 
 
 def log_weight_of_held(

@@ -29,6 +29,9 @@ from clustermcl.protocol.work import ParticleCount, Place, TrackReport
 ESTABLISHED = 15.0
 """New scans after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
+LIFTED = 16.0
+"""The fit where a person gave a place falls by so much at once if the robot is lifted: where the
+building has changed, it falls from scan to scan [nat]."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -134,6 +137,23 @@ class ClusterSet(Part):
     def outside_clusters(self) -> float:
         """The probability that the robot is at no tracked place: on this map or off it."""
         return self.elsewhere + self.off_map
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether the robot is lost, and a search would find it."""
+        return self.elsewhere > self.rules.lost_probability
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it is at no tracked place: almost surely, where only a given one is tracked."""
+        is_first = self.given is not None and not self.given.searched
+        most = self.rules.localized_probability if is_first else self.rules.lost_probability
+        return self.outside_clusters > most
+
+    @property
+    def fit_has_fallen(self) -> bool:
+        """Whether scans fit so much worse than usual that the robot was probably lifted."""
+        return self.fit.shortfall > LIFTED if self.on_map else self.fit.has_fallen
 
     @property
     def piece_evidence(self) -> float:
@@ -262,22 +282,6 @@ class ClusterSet(Part):
             for cluster, (_, cause) in zip(admitted, candidates, strict=True)
         ]
         return admitted, events
-
-    def sharing(self, candidates: Sequence[Candidate], first_step: int) -> list[Candidate]:
-        """Move probability to candidates, from earlier places of the same search only.
-
-        Args:
-            candidates: newly found places, with weights relative to the belief.
-            first_step: first step of the search; clusters that began since then have a positive
-                probability.
-        """
-        own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
-        held = math.fsum(cluster.probability for cluster in own)
-        weight = math.fsum(place.share for place, _ in candidates)
-        kept = held / (held + weight)
-        for cluster in own:
-            self.change(cluster, log_probability=cluster.log_probability + math.log(kept))
-        return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
     def room(self) -> list[float]:
         """Return the probabilities of the clusters that candidates may replace, in ascending order.

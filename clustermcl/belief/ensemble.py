@@ -12,9 +12,10 @@ from typing import ClassVar
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.belief.admission import admission, first_candidates
+from clustermcl.belief.admission import Admission, admission, first_admission
 from clustermcl.belief.bayes_update import OPEN, weigh
 from clustermcl.belief.cluster_set import Candidate, ClusterSet, Given
+from clustermcl.belief.decoy import Decoy
 from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
@@ -24,8 +25,8 @@ from clustermcl.belief.particle_shares import (
     particles_of,
     review_particles,
 )
-from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
-from clustermcl.belief.search_pool import Pool, pool_of
+from clustermcl.belief.search_course import SearchCourse
+from clustermcl.belief.search_pool import pool_of
 from clustermcl.filter.advice.view_memory import ViewMemory
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import new_share
@@ -34,6 +35,7 @@ from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import between
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.answers import Hypothesis, State
+from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.job_events import Ended, EndedCause, JobEvent
 from clustermcl.protocol.message import Circle, Corners
 from clustermcl.protocol.steps import Scan
@@ -50,9 +52,6 @@ from clustermcl.protocol.work import (
 
 ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
-LIFTED = 16.0
-"""The fit where a person gave a place falls by so much at once if the robot is lifted: where the
-building has changed, it falls from scan to scan [nat]."""
 
 
 class Ensemble(Part, kw_only=True):
@@ -136,8 +135,8 @@ class Ensemble(Part, kw_only=True):
             scan: the step's scan, for the links of a building and `Scan.own_robot_found`; None:
                 there are none.
         """
-        was_lost, had_fallen = self._lost, self._fit_has_fallen
-        was_elsewhere = self._is_elsewhere or not len(self.clusters)
+        was_lost, had_fallen = self.clusters.is_lost, self.clusters.fit_has_fallen
+        was_elsewhere = self.clusters.is_elsewhere or not len(self.clusters)
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.deferrable)  # searches may lag
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
@@ -169,7 +168,7 @@ class Ensemble(Part, kw_only=True):
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
-            self._admit_observed(pool_of(step, [observed], np.ones(1), self.settings.search))
+            self._admit_observed(observed, step)
             ledger.note("observed places")
         self.search.note_means(step, self.clusters.all())
         self.events += self.clusters.merge_overlaps(*self.settings.search.reach)
@@ -179,7 +178,7 @@ class Ensemble(Part, kw_only=True):
         self._follow_search(step, reports)
         ledger.note("found by the search")
         self._follow_decoy(step, reports)
-        if self._lost and not was_lost:
+        if self.clusters.is_lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()
         self._look_elsewhere(step, had_fallen=had_fallen, was_elsewhere=was_elsewhere)
         return self.outcome(step, missing, ledger)
@@ -276,12 +275,12 @@ class Ensemble(Part, kw_only=True):
 
     def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
-        given, fell = self.clusters.given, self._fit_has_fallen and not had_fallen
-        if given is not None and not (given.is_doubted or fell or self._lost):
+        given, fell = self.clusters.given, self.clusters.fit_has_fallen and not had_fallen
+        if given is not None and not (given.is_doubted or fell or self.clusters.is_lost):
             return
         self.clusters.given = None
-        lifted = self._is_elsewhere and not was_elsewhere and not self.founding
-        is_due = not self.search.runs and self.search.is_due(step, self._patience)
+        lifted = self.clusters.is_elsewhere and not was_elsewhere and not self.founding
+        is_due = self.search.is_due_for(step, self.clusters)
         if given is not None or lifted or fell or is_due:
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
@@ -294,17 +293,21 @@ class Ensemble(Part, kw_only=True):
         self.begin |= self.standing_jobs(step + 1)
 
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
-        search, fresh = self.search.pool, self.search.on_reports(reports, self.clusters.job_ids)
-        if search is None or fresh is None:
+        fresh = self.search.on_reports(reports, self.clusters.job_ids)
+        if fresh is None:
             return
-        is_over = search.finished(fresh, self.settings, patient=self._is_patient)
-        if not len(self.clusters):
-            self._admit_first(fresh, step)
+        is_over = self.search.is_over(fresh, self.clusters)
+        if len(self.clusters):
+            then, first_step = self.search.means[fresh.step], self.search.first_step
+            held, rules = self.clusters, self.settings.search
+            found = admission(fresh, held, then, first_step, rules, "restart", is_over=is_over)
         else:
-            self._admit_candidates(fresh, step, is_over=is_over)
+            found = first_admission(fresh, self.prior_pose, self.clusters)
+            self.prior_pose = None if found.entering else self.prior_pose
+        self._admit_found(found, step)
         if is_over:
             self.events += self.search.stop(step, "search over")
-            self.founding &= self._is_elsewhere
+            self.founding &= self.clusters.is_elsewhere
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
             if self.clusters.on_map and self.clusters.oldest_holds:
                 self.clusters.given = Given(searched=True)
@@ -314,37 +317,16 @@ class Ensemble(Part, kw_only=True):
         self.begin |= begin
         self.events += ended
 
-    def _admit_first(self, pool: Pool, step: int) -> None:
-        """Admit the most probable places (section 4), and the prior pose if there is one."""
-        entering = first_candidates(pool, self.prior_pose, self.settings.belief)
-        if not entering:
-            return
-        self.prior_pose = None
-        explained = min(math.fsum(place.share for place, _ in entering), 1.0)
-        before = self.clusters.elsewhere
-        self.clusters.take_from_elsewhere(explained)
-        self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
+    def _admit_observed(self, observed: FoundPlaces, step: int) -> None:
+        """Admit places that an observation allows."""
+        held, rules = self.clusters, self.settings.search
+        pool = pool_of(step, [observed], np.ones(1), rules)
+        now = {cluster.job_id: cluster.pose for cluster in held.all()}
+        self._admit_found(admission(pool, held, now, step + 1, rules, "observed"), step)
 
-    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
-        """Admit places that no cluster holds; their probability is taken from elsewhere.
-
-        Once some places of the search are clusters, their probability is shared with later ones.
-        """
-        then, first_step = self.search.means[pool.step], self.search.first_step
-        found = admission(pool, self.clusters, then, first_step, self.settings, is_over=is_over)
-        entering: list[Candidate] = [(place, "restart") for place in found.entering]
-        if found.is_shared:
-            entering = self.clusters.sharing(entering, first_step)
-        else:
-            self.clusters.take_from_elsewhere(found.explained)
-        self._admit(entering, step)
-
-    def _admit_observed(self, pool: Pool) -> None:
-        """Admit places that an observation allows; they take the probability of elsewhere."""
-        step, now = pool.step, {cluster.job_id: cluster.pose for cluster in self.clusters.all()}
-        found = admission(pool, self.clusters, now, step + 1, self.settings, is_over=False)
-        self.clusters.take_from_elsewhere(found.explained)
-        self._admit([(place, "observed") for place in found.entering], step)
+    def _admit_found(self, found: Admission, step: int) -> None:
+        found.make_way(self.clusters)
+        self._admit(found.entering, step)
 
     def _admit(self, candidates: Sequence[Candidate], step: int) -> None:
         if candidates and len(self.clusters):
@@ -397,7 +379,7 @@ class Ensemble(Part, kw_only=True):
     def _state(self, hypotheses: Sequence[Hypothesis]) -> State:
         if not len(self.clusters):
             return "searching"
-        if self._lost:  # while the first search runs, nothing was lost
+        if self.clusters.is_lost:  # while the first search runs, nothing was lost
             return "searching" if self.founding else "lost"
         if not self.clusters.by_probability()[0].confirmed:
             return "searching"
@@ -410,43 +392,6 @@ class Ensemble(Part, kw_only=True):
         if self.settings.belief.kidnapping_probability == 0.0:
             return math.inf, math.inf
         return self.settings.search.reach
-
-    @property
-    def _is_patient(self) -> bool:
-        """Whether a search with more places than can be tracked may still continue.
-
-        Not while the robot is probably off the map, or at clusters from before the search.
-        """
-        first_step, most = self.search.first_step, self.settings.belief.lost_probability
-        before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
-        return self.clusters.off_map <= most and math.fsum(before) <= most
-
-    @property
-    def _lost(self) -> bool:
-        rules = self.settings.belief
-        given = self.clusters.given
-        is_first = given is not None and not given.searched
-        most = rules.localized_probability if is_first else rules.lost_probability
-        return self.clusters.outside_clusters > most
-
-    @property
-    def _fit_has_fallen(self) -> bool:
-        """Whether scans fit so much worse than usual that the robot was probably lifted."""
-        fit = self.clusters.fit
-        return fit.shortfall > LIFTED if self.clusters.on_map else fit.has_fallen
-
-    @property
-    def _is_elsewhere(self) -> bool:
-        """Whether the robot is lost, and a search would find it."""
-        return self.clusters.elsewhere > self.settings.belief.lost_probability
-
-    @property
-    def _patience(self) -> int:
-        """Steps from the end of a search to the next; 0 if the robot is lost on this map."""
-        rules = self.settings.belief
-        if self._is_elsewhere:
-            return 0
-        return rules.search_every_steps // (LOST_SEARCHES if self._lost else 1)
 
     @property
     def _elsewhere(self) -> tuple[str, ...]:

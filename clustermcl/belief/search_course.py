@@ -1,33 +1,19 @@
-"""Searches for new places and for a decoy: when they begin, what they find, when they end."""
+"""A search for new places: when it begins, what it finds, when it ends."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, ClassVar
+from collections.abc import Iterable, Sequence
+from typing import ClassVar
 
-import numpy as np
-from msgspec.structs import replace
-from numpy.typing import NDArray
-
-from clustermcl.belief.cluster_set import Cluster
-from clustermcl.belief.explained import NO_PLACE, explains
-from clustermcl.belief.part import FEW, Count, Part
+from clustermcl.belief.cluster_set import Cluster, ClusterSet
+from clustermcl.belief.part import Count, Part
 from clustermcl.belief.search_pool import Pool, SearchPool
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.job_events import Ended, EndedCause
 from clustermcl.protocol.message import Circle, Corners, PoseTuple
-from clustermcl.protocol.work import Job, Report, SearchJob, SearchReport, TrackJob, TrackReport
+from clustermcl.protocol.work import Job, Report, SearchJob, SearchReport
 
 LOST_SEARCHES = 5
 """Searches are this many times as frequent while the robot is probably not on the map."""
-
-DECOYS = 3
-"""Tracked places of the mirrored robot."""
-SCANS = 4
-"""Scans that a search for a decoy uses."""
-PATIENCE = 10
-"""Steps from the end of a search for a decoy to the next one."""
-LEAST_REST = 1e-6
-"""Least probability of the places of such a search that are not tracked."""
 KEPT_STEPS = 100
 """Largest number of steps by which a search may lag behind the clusters."""
 
@@ -69,6 +55,25 @@ class SearchCourse(Part):
         """Return whether the next search may begin, `patience` steps after the last."""
         sooner = self.settings.belief.search_every_steps - patience
         return step >= self.next_step - sooner
+
+    def is_due_for(self, step: int, held: ClusterSet) -> bool:
+        """Return whether the next search for the robot may begin: at once if lost on this map."""
+        patience = self.settings.belief.search_every_steps
+        if held.is_lost:
+            patience = 0 if held.is_elsewhere else patience // LOST_SEARCHES
+        return not self.runs and self.is_due(step, patience)
+
+    def is_over(self, pool: Pool, held: ClusterSet) -> bool:
+        """Return whether the search is over (`SearchPool.finished`).
+
+        One with more places than can be tracked may take longer, but not while the robot is
+        probably off the map, or at clusters from before the search.
+        """
+        assert self.pool is not None, "a search runs"
+        most = self.settings.belief.lost_probability
+        before = [c.probability for c in held.all() if c.born_step < self.first_step]
+        patient = held.off_map <= most and math.fsum(before) <= most
+        return self.pool.finished(pool, self.settings, patient=patient)
 
     def postpone(self, step: int) -> None:
         """Delay the next periodic search; a search for a lost robot may still begin."""
@@ -136,80 +141,3 @@ class SearchCourse(Part):
             return None
         then = self.means.get(fresh.step, {})
         return fresh if all(job_id in then for job_id in clusters) else None
-
-
-class Decoy(Part):
-    """Searches for a mirrored robot and tracks it (docs/belief.md).
-
-    A mirrored robot is not on the map, so its fit is the fit of a wrong place. The ensemble needs
-    it only while it is uncertain whether the robot is on the map.
-    """
-
-    search: SearchCourse
-    places: Annotated[tuple[Cluster, ...], FEW] = ()
-
-    @property
-    def track_ids(self) -> tuple[str, ...]:
-        return tuple(place.job_id for place in self.places)
-
-    def explains(
-        self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64], unit: float
-    ) -> float | None:
-        """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
-
-        It is averaged over all places of the decoy's search, of which those not tracked explain
-        `NO_PLACE` of them. One that explains more counts more from then on.
-        """
-        found = [(place, reports.get(place.job_id)) for place in self.places]
-        told = [(place, r, each) for place, r in found if r and (each := explains(r, beams))]
-        if not told:
-            return None
-        rest = max(1.0 - math.fsum(place.probability for place, _, _ in told), LEAST_REST)
-        of_rest = math.log(rest) + unit * NO_PLACE * float(beams.sum())
-        weighed = np.array(
-            [*(place.log_probability + unit * each.clear for place, _, each in told), of_rest]
-        )
-        mean = float(np.logaddexp.reduce(weighed))
-        moved = {
-            place.cluster: replace(place, pose=r.pose, covariance=r.covariance, log_probability=log)
-            for (place, r, _), log in zip(told, (weighed[:-1] - mean).tolist(), strict=True)
-        }
-        self.places = tuple(moved.get(place.cluster, place) for place in self.places)
-        return mean
-
-    def follow(
-        self, step: int, reports: Sequence[Report], *, is_open: bool
-    ) -> tuple[dict[str, Job], list[Ended]]:
-        """Begin and end the decoy's jobs after a step, and return them.
-
-        `is_open`: it is uncertain whether the robot is on the map.
-        """
-        begin: dict[str, Job] = {}
-        ended: list[Ended] = []
-        pool = self.search.on_reports(reports, ())
-        if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
-            ended += self._end_tracking() + self.search.stop(step, "search over")
-            first = (self.search.begun - 1) * DECOYS
-            for index in range(min(len(pool.share), DECOYS)):
-                found, number = pool.place(index, pool.share[index]), first + index
-                place = Cluster(
-                    number, math.log(found.share), step, found.pose, found.covariance, mirrored=True
-                )
-                self.places += (place,)
-                begin[place.job_id] = TrackJob(
-                    cluster=number, start=found.sample, exact=False, mirrored=True
-                )
-        if not self.search.runs and self.search.is_due(step, PATIENCE):
-            if is_open:
-                begin |= self.search.begin(step + 1)
-            else:
-                ended += self._end_tracking()
-        return begin, ended
-
-    def stop(self, step: int) -> list[Ended]:
-        return self._end_tracking() + self.search.stop(step, "search stopped")
-
-    def _end_tracking(self) -> list[Ended]:
-        ended = [Ended(job_id, "search stopped") for job_id in self.track_ids]
-        self.places = ()
-        return ended

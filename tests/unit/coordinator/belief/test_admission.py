@@ -8,7 +8,7 @@ from clustermcl.belief.admission import (
     MOST_LOG,
     Admission,
     admission,
-    first_candidates,
+    first_admission,
     log_weight_of_held,
 )
 from clustermcl.belief.cluster_set import Cluster, ClusterSet
@@ -57,8 +57,8 @@ def admitted(
         born, spread = 1 if number == 0 else 0, covariance_tuple(np.eye(3))
         cluster = Cluster(number, math.log(probability), born, pose, spread)
         clusters.clusters[number], then[cluster.job_id] = cluster, pose
-    settings = replace(SETTINGS, belief=rules)
-    return admission(found, clusters, then, first_step, settings, is_over=is_over)
+    search = SETTINGS.search
+    return admission(found, clusters, then, first_step, search, "restart", is_over=is_over)
 
 
 def own(found: Pool, probability: float, *, is_over: bool = False) -> Admission:
@@ -76,7 +76,7 @@ def entered(
     **belief: object,
 ) -> dict[PoseTuple, float]:
     fresh = admitted(found, log_weight, room, is_over=is_over, **belief).entering
-    return {place.pose: place.share for place in fresh}
+    return {place.pose: place.share for place, _ in fresh}
 
 
 # --- beside clusters ----------------------------------------------------------------------------
@@ -88,7 +88,7 @@ def test_places_with_almost_no_share_replace_no_cluster() -> None:
         held = (1e-18 / math.exp(log_weight), HELD[0])
         found = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST), held)
         came = admitted(found, 0.0, (0.0, 1e-18, 0.9995), first_step=1)
-        assert (len(came.entering), came.is_shared) == (1, True), "only where room is free"
+        assert (len(came.entering), len(came.earlier)) == (1, 1), "only where room is free"
 
 
 def test_the_weight_of_a_place_is_its_share_of_the_search() -> None:
@@ -115,17 +115,18 @@ def test_places_of_a_finished_search_have_at_least_the_configured_probability() 
 def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability() -> None:
     found = pool((0.5, FAR), (0.4, HELD[0]))
     for weight, came in ((0.01, [0.005]), (1e-9, [])):
-        places = own(found, 0.4 * weight, is_over=True).entering
-        assert [place.share for place in places] == pytest.approx(came)
+        places = own(found, 0.4 * weight, is_over=True)
+        weights = [place.share / places.kept for place, _ in places.entering]
+        assert weights == pytest.approx(came)
 
 
 def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     found = pool((0.6, NEARBY), (0.4, FAR))
     came = own(found, 0.6)
-    assert [place.pose for place in came.entering] == [FAR]
+    assert [place.pose for place, _ in came.entering] == [FAR]
     turned = (0.0, 0.0, 0.45)
     came = own(pool((0.6, turned), (0.4, FAR)), 0.6)
-    assert [place.pose for place in came.entering] == [FAR], "nor does a search resolve headings"
+    assert [place.pose for place, _ in came.entering] == [FAR], "nor does a search resolve headings"
 
 
 def test_a_place_next_to_a_cluster_does_not_enter() -> None:
@@ -159,12 +160,28 @@ def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
     assert weights == pytest.approx({FAR: 0.75 * most, FARTHER: 0.25 * most}), "as they share"
 
 
+def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> None:
+    """The search's place has 0.3 of the belief, and one found later 3/4 of its share."""
+    clusters = ClusterSet(SETTINGS.belief, next_cluster=2)
+    for number, (probability, pose) in enumerate(((0.7, LEAST), (0.3, HELD[0]))):
+        spread = covariance_tuple(np.eye(3))
+        clusters.clusters[number] = Cluster(number, math.log(probability), number, pose, spread)
+    then = {cluster.job_id: cluster.pose for cluster in clusters.all()}
+    found = pool((0.4, HELD[0]), (0.3, FAR))
+    came = admission(found, clusters, then, 1, SETTINGS.search, "restart")
+    came.make_way(clusters)
+    clusters.admit(came.entering, 6)
+    after = [cluster.probability for cluster in clusters.all()]
+    assert after == pytest.approx([0.7, 0.3 / 1.75, 0.225 / 1.75])
+
+
 # --- first places -------------------------------------------------------------------------------
 
 
 def first_shares(found: Pool, **belief: object) -> list[float]:
     rules = replace(SETTINGS.belief, **belief)
-    return [place.share for place, _ in first_candidates(found, None, rules)]
+    clusters = ClusterSet(rules, log_elsewhere=0.0, log_off_map=-math.inf)
+    return [place.share for place, _ in first_admission(found, None, clusters).entering]
 
 
 def test_first_places_are_limited_in_number_and_by_probability() -> None:

@@ -362,17 +362,6 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             assert made.elsewhere == 0.0
 
 
-def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> None:
-    made = first(0.6, 0.2)
-    made.admit([(place(0.25, SOUTH, 5), "restart")], 5)
-    *old, held = probabilities(made)[:3]
-    found: list[Candidate] = [(place(0.6 * held, NORTH, 6), "restart")]
-    made.admit(made.sharing(found, 5), 6)
-    after = probabilities(made)
-    assert after[:2] == pytest.approx(old)
-    assert after[2:4] == pytest.approx([held / 1.6, 0.6 * held / 1.6])
-
-
 def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
     made = first(0.3, 0.5)
     made.clusters[1] = replace(made.clusters[1], pose=(0.1, 5.0, 0.0))

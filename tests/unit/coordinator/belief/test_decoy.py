@@ -5,8 +5,9 @@ import pytest
 
 from clustermcl.belief.bayes_update import weigh
 from clustermcl.belief.cluster_set import Cluster, ClusterSet, Given
+from clustermcl.belief.decoy import DECOYS, PATIENCE, SCANS, Decoy
 from clustermcl.belief.explained import NO_PLACE
-from clustermcl.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
+from clustermcl.belief.search_course import SearchCourse
 from clustermcl.filter.settings import (
     BeliefSettings,
     FilterSettings,

@@ -1,10 +1,11 @@
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from clustermcl.belief.admission import first_candidates
-from clustermcl.belief.cluster_set import Candidate
+from clustermcl.belief.admission import first_admission
+from clustermcl.belief.cluster_set import Candidate, ClusterSet
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.given_places import candidate
 from clustermcl.belief.search_pool import Pool
@@ -18,11 +19,11 @@ ORIGIN = (0.0, 0.0, 0.0)
 OFFER = place(0.1, (5.0, 5.0, 0.0), 4)
 
 
-def with_prior_pose(found: Pool) -> list[Candidate]:
-    return first_candidates(found, OFFER, RULES.belief)
+def with_prior_pose(found: Pool) -> Sequence[Candidate]:
+    return first_admission(found, OFFER, ClusterSet(RULES.belief)).entering
 
 
-def shares(candidates: list[Candidate]) -> list[float]:
+def shares(candidates: Sequence[Candidate]) -> list[float]:
     return [candidate.share for candidate, _ in candidates]
 
 
