@@ -146,7 +146,7 @@ def _recorded(
     first = 0
     if from_share:
         count = sum(1 for _ in course_of(case, 0, bridge).steps)
-        first = round(from_share * (count - STEPS_OF_A_START))
+        first = round(from_share * max(count - STEPS_OF_A_START, 0))
     course = course_of(case, 0, bridge, first)
     return course.map, _shown(course.steps, course.map, mirror=mirror)
 
