@@ -8,9 +8,9 @@ from typing import Annotated
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.changes.new_map import joined, with_changes
 from clustermcl.commands import options as opt
+from clustermcl.commands.kernels import prepare_kernels
 from clustermcl.jobs import in_process
 from clustermcl.jobs.map_model import sensor_model
-from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -106,7 +106,7 @@ def changes_of_recording(recording: Path, grid_map: GridMap, settings: Settings)
     more is seen.
     """
     read, shown = opened(str(recording), settings.bridge), grid_map
-    compile_kernels(settings.sensor)
+    prepare_kernels(settings.sensor)
     for _ in range(_TIMES):
         collector = ChangeCollector(grid_map)
         model = sensor_model(shown, settings.sensor, kept_folder("maps"))

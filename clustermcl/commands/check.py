@@ -10,12 +10,12 @@ import msgspec
 
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.commands.as_text import pose_text
+from clustermcl.commands.kernels import prepare_kernels
 from clustermcl.commands.options import AsJson, argument, option, print_answer, recording_command
 from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
 from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
 from clustermcl.evaluation.map_check.report import MapReport, report_of
-from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol.errors import MapFileError, SettingsError
 from clustermcl.recordings.maps.landmarks import landmarks_of_map
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles
@@ -60,7 +60,7 @@ def check(
         raise MapFileError(map_file, f"{problem}: crop the map or use larger cells")
     grid_map = grid_map.with_landmarks(landmarks_of_map(map_file, grid_map.floors))
     read = None if recording is None else opened(str(recording), settings.bridge)
-    compile_kernels(settings.sensor)
+    prepare_kernels(settings.sensor)
     agreement = changes = None
     if read is not None:
         scans = steps_of(read, settings.bridge, grid_map.digest)

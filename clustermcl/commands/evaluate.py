@@ -20,10 +20,10 @@ from rich.table import Table
 
 from clustermcl.belief.outcome import Outcome
 from clustermcl.commands import options as opt
+from clustermcl.commands.kernels import prepare_kernels
 from clustermcl.evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from clustermcl.evaluation.references import tum_line
 from clustermcl.evaluation.run import Case, RecordedRobot, Run, SimulatedRobot, in_parallel
-from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.recordings.maps.map_file import map_file_of
 from clustermcl.runtime.logs import is_quiet
@@ -139,7 +139,7 @@ def evaluate(
     if starts is not None:
         at = start_steps(known, starts, case.updates or known)
         runs = [replace(run, start_step=start) for start in at for run in runs]
-    compile_kernels(settings.sensor)
+    prepare_kernels(settings.sensor)
     stop, course = stop_on_signals(exit_after_s=5.0), list[plots.Drawn]()
     finished = _all_results(runs, jobs, min(known, case.updates or known), stop, course)
     results = [

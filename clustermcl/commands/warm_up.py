@@ -2,11 +2,11 @@
 
 import time
 
+from clustermcl.commands.kernels import prepare_kernels
 from clustermcl.commands.options import settings_command
 from clustermcl.commands.verbosity import say
 from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.jobs.map_model import sensor_model
-from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import Settings
@@ -21,9 +21,7 @@ def warm_up(settings: Settings) -> None:
     on disk.
     """
     begun_s = time.monotonic()
-    if kernel_library.library() is None:
-        say("compiling the kernels, some 20 s")
-    compile_kernels(settings.sensor)
+    prepare_kernels(settings.sensor)
     if kernel_library.library() is not None:
         say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
     bridge = settings.bridge

@@ -21,9 +21,6 @@ needs_compiler = pytest.mark.skipif(
 
 DRIVE = """
 import sys
-from clustermcl.filter.settings import SensorSettings
-from clustermcl.jobs.warm_up import compile_kernels
-compile_kernels(SensorSettings())
 from clustermcl.commands.command import app
 app(["evaluate", "sim:cross_tags", "--steps", "40", "--jobs", "1"], standalone_mode=False)
 print("imported:", sorted({"numba", "llvmlite"} & set(sys.modules)))
