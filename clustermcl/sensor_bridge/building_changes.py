@@ -60,8 +60,8 @@ class BuildingChanges:
 
     def collect(self, scans: Iterable[Scan], belief: Belief) -> None:
         """Collect what the scan of a belief's step shows, if it is one of the newest `scans`."""
-        scan = next((scan for scan in scans if scan.step == belief.step), None)
-        if self._keeper is not None and scan is not None:
+        found = (scan for scan in scans if scan.step == belief.step)
+        if self._keeper is not None and (scan := next(found, None)) is not None:
             self._keeper.on_step(scan, belief)
             self._collected_s = time.monotonic()
 
