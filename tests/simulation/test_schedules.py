@@ -1,7 +1,7 @@
 """Coordinators, workers and the bridge keep the laws in thousands of schedules of faults.
 
 A seed that fails is run again by ``python -m tests.simulation --first SEED --schedules 1``.
-200 run here, and 2,000 by that command in .ci/run.
+200 run here, and 1,000 by that command in .ci/run.
 """
 
 from collections.abc import Iterator
