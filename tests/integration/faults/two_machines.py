@@ -42,8 +42,8 @@ class Cable:
         """Delay, drop or throttle packets to the far machine with `tc`."""
         try:
             ran("tc", "qdisc", "add", "dev", self.device, "root", *how)
-        except subprocess.CalledProcessError as error:
-            pytest.skip(f"this kernel cannot do `tc {' '.join(how)}`: {error.stderr.strip()}")
+        except (OSError, subprocess.CalledProcessError) as error:
+            pytest.skip(f"no `tc {' '.join(how)}`: {getattr(error, 'stderr', error)}".strip())
         try:
             yield
         finally:
