@@ -219,8 +219,8 @@ class Drive:
         """Drive; return the stamps of the scans."""
         return [self.zero_ns + tick.laser.stamp_ns for tick in self.ticks(count, within_s=within_s)]
 
-    def drive_until(self, condition: Callable[[], object], at_most: int = 2000) -> None:
-        for _ in self.ticks(at_most, within_s=0.1):
+    def drive_until(self, condition: Callable[[], object], at_most: int = 5000) -> None:
+        for _ in self.ticks(at_most, within_s=0.03):
             if condition():
                 return
         pytest.fail(f"{condition} did not hold within {at_most} scans")
