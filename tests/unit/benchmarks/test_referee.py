@@ -9,7 +9,8 @@ from scipy.ndimage import binary_dilation
 
 from benchmarks import aged_maps
 from benchmarks.aged_maps import surface
-from benchmarks.referee import CHANGES, Trial, begun, outcomes, row_of, score
+from benchmarks.referee import outcomes, row_of, score
+from benchmarks.referee_robots import CHANGES, Trial, begun
 from benchmarks.worlds import world
 from clustermcl.evaluation.measures import PoseError, ReportedPlace, StepFacts
 from clustermcl.filter.arrays import FREE, OCCUPIED
