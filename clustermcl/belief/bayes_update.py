@@ -53,8 +53,8 @@ def weigh(
         beams: (B,) how new the pieces are at which the beams end (`Pieces`); None: unknown.
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
-        unseen: share of the scan whose pieces of wall are new, and so count for elsewhere where a
-            pose was given; None: `news`.
+        unseen: share of the scan whose pieces of wall are new, and so count for elsewhere; None:
+            `news`.
         decoy: evidence of the new beams at places of the mirrored robot [nat]; None: unknown.
         ledger: it records which part of the update changes which log odds.
     """
@@ -80,7 +80,7 @@ def weigh(
     if elsewhere is not None and not math.isnan(elsewhere.log_likelihood):
         fits_better = elsewhere.log_likelihood - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
-        log_there += (news if unseen is None or not held.on_map else unseen) * (
+        log_there += (news if unseen is None else unseen) * (
             min(fits_better, 0.0) if misses < 0.0 else fits_better
         )
     if held.fit.has_fallen and not held.on_map:

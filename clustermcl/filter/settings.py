@@ -61,8 +61,8 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     particles: Annotated[int, Meta(gt=0, le=1_000_000)] = 2000
     """Particles of one tracked cluster, at most."""
     view_distance_m: NotNegative = 0.2
-    """Distance after which a scan is new information about the pose, and about the robot
-    being elsewhere; 0: always [m]."""
+    """Distance after which a scan is new information about the pose, and about a kidnapping;
+    0: always [m]."""
     view_turn_rad: Positive = 0.4
     """Turn after which it is [rad]."""
     resample_below_ess: Annotated[float, Meta(gt=0, le=1)] = 0.9
