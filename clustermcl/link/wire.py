@@ -46,13 +46,14 @@ class Asked:
     """A query that has not been answered."""
 
     key: str
+    """The served key; that of the query may be a wildcard."""
     payload: bytes
     query: zenoh.Query
 
     def answer(self, message: Message) -> None:
         """Reply and close the query."""
         with self.query:
-            self.query.reply(self.query.key_expr, encode(message), encoding=ENCODING)
+            self.query.reply(self.key, encode(message), encoding=ENCODING)
 
     def refuse(self, problem: str) -> None:
         """Reply with an error and close the query."""
@@ -173,12 +174,12 @@ def serve(
     """
 
     def on_query(query: zenoh.Query) -> None:
-        given, name = query.payload, str(query.key_expr)
+        given = query.payload
         if given is not None and len(given) > limit_bytes:
             inbox.count_refused("query")
-            Asked(name, b"", query).refuse("too large")
+            Asked(key, b"", query).refuse("too large")
             return
-        asked = Asked(name, given.to_bytes() if given is not None else b"", query)
+        asked = Asked(key, given.to_bytes() if given is not None else b"", query)
         if not inbox.put(asked):
             asked.refuse("too busy; ask again")
 

@@ -4,6 +4,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 
 import pytest
+import zenoh
 from msgspec.structs import replace
 
 from clustermcl.link.node import Node
@@ -64,6 +65,18 @@ def test_a_query_is_repeated_until_a_process_answers(node: Node, other: Node) ->
     other.serve(keys.UPDATE, lambda asked: asked.answer(DONE))
     wait_until(lambda: turning(node, other) and answers)
     assert (answers, failures) == ([DONE], [])
+
+
+def test_a_query_on_many_keys_is_answered_on_each(node: Node, other: Node) -> None:
+    served, replies = {keys.UPDATE, keys.worker_state("w")}, list[zenoh.Reply]()
+    for key in served:
+        node.serve(key, lambda asked: asked.answer(DONE))
+
+    def all_answer() -> bool:
+        other.session.get("**", replies.append)
+        return turning(node) and {str(one.ok.key_expr) for one in replies if one.ok} == served
+
+    wait_until(all_answer)
 
 
 def test_a_session_stays_suspect_when_a_query_times_out_after_its_link_returned(
