@@ -25,6 +25,8 @@ T = TypeVar("T")
 
 AS_THEY_COME = zenoh.ConsolidationMode.NONE
 """Consolidation of replies; with the default, the first waits until all queryables replied."""
+KEPT_TOKENS = 4096
+"""Changes of tokens that wait; with more, the loop hangs."""
 _TIMED_OUT = "Timeout"
 """Error reply that this process's own session adds to a query without an answer."""
 
@@ -187,10 +189,15 @@ def serve(
 
 
 def watch(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
-    """Put changes of liveliness tokens on `key` into the inbox, existing tokens first."""
+    """Put changes of liveliness tokens on `key` into the inbox, existing tokens first.
+
+    They have room of their own: a change that is lost while queries flood is never repeated.
+    """
+    inbox.keep("token", KEPT_TOKENS)
 
     def on_token(sample: zenoh.Sample) -> None:
-        inbox.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+        token = Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+        inbox.put_newest("token", token)
 
     session.liveliness().declare_subscriber(key, directly(on_token), history=True)
 

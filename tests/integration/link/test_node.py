@@ -8,7 +8,7 @@ import zenoh
 from msgspec.structs import replace
 
 from clustermcl.link.node import Node
-from clustermcl.link.wire import Asked, Link, is_alive
+from clustermcl.link.wire import Asked, Link, Token, is_alive
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import CommandDone, Update
 from clustermcl.protocol.codec import decode
@@ -77,6 +77,17 @@ def test_a_query_on_many_keys_is_answered_on_each(node: Node, other: Node) -> No
         return turning(node) and {str(one.ok.key_expr) for one in replies if one.ok} == served
 
     wait_until(all_answer)
+
+
+def test_a_token_is_not_lost_while_queries_fill_the_inbox(node: Node, other: Node) -> None:
+    changes = list[Token]()
+    node.watch(keys.BRIDGE_ALIVE, changes.append)
+    while node.inbox.put("a query"):
+        pass
+    other.announce(keys.BRIDGE_ALIVE)
+    wait_until(lambda: is_alive(node.session, keys.BRIDGE_ALIVE, 1.0))
+    wait_until(lambda: (turning(*[node] * 100) and changes) or node.inbox.dropped()["event"] > 1)
+    assert set(changes) == {Token(keys.BRIDGE_ALIVE, alive=True)}
 
 
 def test_a_session_stays_suspect_when_a_query_times_out_after_its_link_returned(
