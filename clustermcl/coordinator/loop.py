@@ -107,7 +107,7 @@ class Loop:
             node.subscribe(key, Health, self._on_health, kind="health", kept=1024)
         # Without these tokens the coordinator would begin before it has asked any worker.
         for key in alive(node.session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
-            self._on_token(Token(key, alive=True))
+            node.attempt(self._on_token, Token(key, alive=True))
         node.watch(keys.ALL_WORKERS_ALIVE, self._on_token)
         is_announced, is_serving, begun_s = False, False, time.monotonic()
         with recorder.running(), keeper.running():

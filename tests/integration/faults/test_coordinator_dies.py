@@ -55,10 +55,11 @@ def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_o
     """Steps without a coordinator are applied later from the workers' reports.
 
     A new coordinator answers once it knows the age of the robot's data. The last checkpoint that
-    the standby receives is poisoned: it uses its state file.
+    the standby receives is poisoned: it uses its state file. A stray token is of no worker.
     """
     with with_live_robot() as (tested, robot):
         tested.wait_until_it_tracks()
+        stray = tested.session.liveliness().declare_token(keys.worker_alive("no.name"))
         before, workers, term = tested.step, tested.worker_pids(), tested.beliefs[-1].term
         robot.send_signal(signal.SIGSTOP)
         tested.restart(COORDINATOR)
@@ -88,6 +89,7 @@ def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_o
         assert status.steps_lost == 0
         assert_same_as_alone(tested)
         assert "Traceback" not in standby.err
+        stray.undeclare()
         standby.send_signal(signal.SIGTERM)
         assert standby.wait() == 0
 
