@@ -20,7 +20,7 @@ from clustermcl.runtime.sources import Simulated, parsed_source
 from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
-_PREFIX, _LOCK = "clustermcl-", "lock"
+_PREFIX, _MARK = "clustermcl-", "claimed"
 
 
 class ProcessEndedError(ClusterMclError):
@@ -103,7 +103,8 @@ class Stack:
 def temporary_folder() -> Iterator[Path]:
     """Create a folder for sockets and logs, which is removed at the end of the ``with`` block.
 
-    Folders that killed processes of this account left are removed too.
+    Folders that killed processes of this account left are removed too. It is claimed, so
+    systemd-tmpfiles does not remove its files, which a process restarted after weeks still needs.
     """
     # The operating system limits the length of a socket's path; the router's is the longest.
     base = Path(tempfile.gettempdir())
@@ -111,20 +112,20 @@ def temporary_folder() -> Iterator[Path]:
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
     with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as name:
         path = Path(name)
-        with claimed(path / "claim"):
-            (path / "claim").rename(path / _LOCK)  # others see it only once it is claimed
+        with claimed(path):
+            (path / _MARK).touch()  # others see it only once it is claimed
             _remove_left(folder)
             yield path
 
 
 def _remove_left(folder: Path) -> None:
-    for lock in folder.glob(f"{_PREFIX}*/{_LOCK}"):
+    for path in (mark.parent for mark in folder.glob(f"{_PREFIX}*/{_MARK}")):
         with suppress(OSError):  # it is being removed
-            if lock.parent.lstat().st_uid != os.getuid():
+            if path.lstat().st_uid != os.getuid():
                 continue
-            with claimed(lock) as is_left:
+            with claimed(path) as is_left:
                 if is_left:
-                    shutil.rmtree(lock.parent)
+                    shutil.rmtree(path)
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:

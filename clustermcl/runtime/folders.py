@@ -48,11 +48,12 @@ def recording_folder(settings: Settings) -> Path | None:
 
 @contextmanager
 def claimed(lock: Path) -> Iterator[bool]:
-    """Claim what a lock file stands for; yield whether no other process has claimed it.
+    """Claim a folder, or what a lock file stands for; yield whether it was free.
 
     The kernel ends the claim with this process. An `OSError`: the file cannot be opened.
     """
-    number = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    flags = os.O_RDONLY if lock.is_dir() else os.O_RDWR | os.O_CREAT
+    number = os.open(lock, flags | os.O_NOFOLLOW, 0o600)
     try:
         try:
             fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)

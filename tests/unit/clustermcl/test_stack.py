@@ -7,6 +7,7 @@ import pytest
 from clustermcl.commands import up
 from clustermcl.commands.stack import ProcessEndedError, meeting_in, temporary_folder
 from clustermcl.link.configuration import check_endpoint
+from clustermcl.runtime.folders import claimed
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.supervisor import ChildExit
 
@@ -28,6 +29,11 @@ def test_the_socket_path_fits_even_if_the_temporary_folder_has_a_long_path(
     monkeypatch.setattr("tempfile.tempdir", os.fspath(deep))
     with temporary_folder() as folder:
         check_endpoint(meeting_in(folder, Settings()).zenoh.router)
+
+
+def test_the_temporary_folder_is_claimed_so_that_no_cleaner_removes_old_files_in_it() -> None:
+    with temporary_folder() as folder, claimed(folder) as is_free:
+        assert not is_free
 
 
 def test_a_killed_check_of_the_settings_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
