@@ -9,7 +9,7 @@ from typing import Any
 
 from clustermcl.link.inbox import Inbox
 from clustermcl.link.wire import Publisher
-from clustermcl.protocol.health import Health, SourceHealth
+from clustermcl.protocol.health import MAX_WORDS, Health, SourceHealth
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.version import VERSION
 
@@ -66,8 +66,9 @@ class HealthReporter:
         )
 
     def dropped(self) -> dict[str, int]:
-        lost = self._inbox.dropped()
-        return {**self._causes.total, **{f"dropped {what}": count for what, count in lost.items()}}
+        """Return the counts by cause; of more than a message may have, the largest."""
+        lost = {f"dropped {what}": count for what, count in self._inbox.dropped().items()}
+        return dict((self._causes.total + Counter(lost)).most_common(MAX_WORDS))
 
     def publish_if_due(self, publisher: Publisher) -> None:
         now_s = self._clock()

@@ -2,13 +2,16 @@ import pytest
 
 from clustermcl.link.health import RATE_OVER_S, HealthReporter
 from clustermcl.link.inbox import Inbox
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.health import Health
 from clustermcl.runtime.logs import CauseCounter
 
 
 class Process:
     def __init__(self) -> None:
         self.now_s = 100.0
-        self.health = HealthReporter("a", "worker", CauseCounter(), Inbox({}), lambda: self.now_s)
+        self.causes = CauseCounter()
+        self.health = HealthReporter("a", "worker", self.causes, Inbox({}), lambda: self.now_s)
 
 
 def test_rates_are_averages_over_the_last_seconds() -> None:
@@ -34,3 +37,11 @@ def test_ages_are_since_the_last_occurrence() -> None:
     health = process.health.health()
     assert health.ages_s == {"scans": 4.0, "steps": 3.0}
     assert (health.done["steps"], health.uptime_s) == (3, 5.0)
+
+
+def test_health_can_be_read_however_many_sources_are_broken() -> None:
+    process = Process()
+    process.causes.total["reading refused: outlier in time or place"] = 2
+    process.causes.total.update(f"reading refused: broken source {tag}" for tag in range(600))
+    health = decode(encode(process.health.health()), Health)
+    assert health.dropped["reading refused: outlier in time or place"] == 2

@@ -1,5 +1,5 @@
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from hypothesis import given
@@ -55,14 +55,9 @@ def test_many_threads_lose_nothing_and_keep_their_own_order() -> None:
         for number in range(2000):
             inbox.put((thread, number))
 
-    threads = [threading.Thread(target=put_all, args=(i,)) for i in range(4)]
-    for thread in threads:
-        thread.start()
-    taken: list[tuple[int, int]] = []
-    while len(taken) < 8000 and (item := inbox.get(10.0)) is not None:
-        taken.append(item)
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        pool.map(put_all, range(4))
+        taken = list(filter(None, (inbox.get(10.0) for _ in range(8000))))
     for i in range(4):
         assert [number for thread, number in taken if thread == i] == list(range(2000))
 
