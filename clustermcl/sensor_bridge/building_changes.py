@@ -52,7 +52,7 @@ class BuildingChanges:
     def _on_begun(self, grid_map: GridMap, begun: Future[ChangeKeeper]) -> None:
         try:
             keeper = begun.result()
-        except errors.ClusterMclError as error:
+        except (errors.ClusterMclError, kernel_library.NoKernelsError) as error:
             _log.warning("changes of the building are not collected: %s", error)
             return
         if self._map is grid_map:

@@ -12,10 +12,14 @@ from msgspec.structs import replace
 from clustermcl.changes.collector import RECORD, ChangeCollector
 from clustermcl.changes.keeper import ChangeKeeper
 from clustermcl.changes.new_map import OtherMapError, joined
+from clustermcl.link.node import Node
 from clustermcl.protocol.changes import GONE, KeptChanges
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.conversion import with_checksum
 from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.sensor_bridge.building_changes import BuildingChanges
 from tests.unit.changes.drives import OLD, TRUE, Drive, scan_at
 from tests.unit.evaluation.places import belief, place
 
@@ -125,3 +129,15 @@ def test_a_standing_robot_collects_nothing_new_of_a_belief_without_places(tmp_pa
     keeping.on_step(scan, belief(0, "localized", place(1.0, (1.0, 0.4, 0.0))))
     assert not keeping.renew()
     assert keeping.newest.seen_share > 0.3
+
+
+def test_a_bridge_without_kernels_runs_on_and_collects_nothing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("clustermcl.filter.kernels.library.library", lambda: None)
+    monkeypatch.setattr("clustermcl.jobs.warm_up.find_spec", lambda _module: None)
+    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
+    node = Node("bridge", "bridge", Settings(), StopFlag(), peers=None)
+    BuildingChanges(node, None).begin(OLD)
+    assert node.turn(10.0) is not None, "the result of the background"
+    assert "not collected: there are no compiled kernels" in caplog.text
