@@ -46,17 +46,17 @@ def _run(of_ros: list[str], invocation: Invocation) -> None:
             rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
             resources.callback(rclpy.try_shutdown)
             node = AmclNode(invocation.settings)
+            resources.callback(node.end)
+            logging.getLogger().handlers[:] = [_RosLog(node)]
+            relay = cast(Port, Relay(node))
+            engine: InsideEngine | SystemEngine
+            if node.engine == "inside":
+                engine = InsideEngine(node.settings, relay)
+            else:
+                engine = resources.enter_context(system_engine(node.settings, relay))
+            node.begin(engine)
         except (rclpy_implementation.RCLError, NameValidationException) as error:
             raise ClusterMclError(str(error)) from None
-        resources.callback(node.end)
-        logging.getLogger().handlers[:] = [_RosLog(node)]
-        relay = cast(Port, Relay(node))
-        engine: InsideEngine | SystemEngine
-        if node.engine == "inside":
-            engine = InsideEngine(node.settings, relay)
-        else:
-            engine = resources.enter_context(system_engine(node.settings, relay))
-        node.begin(engine)
         middleware = rclpy.get_rmw_implementation_identifier()
         _log.info("%s is running over %s, engine %s", node.full_name, middleware, node.engine)
         domain = node.context.get_domain_id()
