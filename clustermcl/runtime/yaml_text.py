@@ -1,8 +1,10 @@
-"""Reads YAML text without aliases, with which a few lines can expand beyond any memory.
+"""Reads YAML text as ROS does: 1e-3 is a number.
 
-No map needs one, and ROS parameter files cannot have them.
+Aliases are refused: with them a few lines can expand beyond any memory. No map needs one, and ROS
+parameter files cannot have them.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,11 @@ class _Loader(yaml.SafeLoader):
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
             raise _AliasError(problem_mark=mark)
         return super().compose_node(parent, index)
+
+
+# YAML 1.1 has text here unless there are a point and a sign: 1.0e-3.
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
 def yaml_of(content: bytes, path: Path, error: type[InputFileError]) -> tuple[Any, dict[str, int]]:

@@ -113,7 +113,7 @@ def _header(content: bytes, path: Path) -> _Header:
     values, lines = yaml_of(content, path, MapFileError)
     if isinstance(values, dict) and isinstance(values.get("mode"), str):
         values["mode"] = values["mode"].lower()
-    try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
+    try:  # not strict: `negate` is 0 or 1
         return converted(values, _Header, strict=False)
     except (ValueError, OverflowError, RecursionError) as error:
         named = _KEY.search(str(error))

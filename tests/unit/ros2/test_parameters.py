@@ -57,7 +57,7 @@ amcl:
     robot_model_type: "nav2_amcl::OmniMotionModel"
     save_pose_rate: 0.5
     transform_tolerance: 2
-    update_min_d: 0.3
+    update_min_d: 3e-1
     initial_pose: {x: 1.0, y: -2, z: 0.0, yaw: 0.5}
     invented: 3
 bt_navigator:
