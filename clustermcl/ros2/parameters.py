@@ -22,9 +22,10 @@ class Parameters:
     def __init__(self, settings: Settings) -> None:
         self.settings, self.live = settings, AS_STARTED
 
-    def replace(self, values: Mapping[str, Value]) -> None:
-        for name, value in values.items():
-            self.settings = with_setting(self.settings, PARAMETERS[name].setting, value, name)
+    def replace(self, values: Mapping[str, Value], initial_floor: str) -> None:
+        named = {PARAMETERS[name].setting: value for name, value in values.items()}
+        for setting, value in (named | {"ros2.initial_floor": initial_floor}).items():
+            self.settings = with_setting(self.settings, setting, value, setting)
 
     def set(self, values: Mapping[str, object]) -> str:
         before = self.settings, self.live

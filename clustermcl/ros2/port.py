@@ -167,7 +167,7 @@ class Port(Amcl):
             return
         names = ("initial_pose.x", "initial_pose.y", "initial_pose.yaw")
         values = dict(zip(names, initial, strict=True))
-        self.parameters.replace(values)
+        self.parameters.replace(values, self.choice.floor)
         self.use(self.parameters.settings.ros2)
         self._ros.show_parameters(values)
 

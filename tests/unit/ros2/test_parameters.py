@@ -17,6 +17,7 @@ from clustermcl.runtime.settings import Ros2Settings, Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.settings_table import value_of
 from tests.unit.ros2.ports import belief, port
+from tests.unit.ros2.test_floors import on
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
 
@@ -210,23 +211,23 @@ def test_parameters_set_together_are_all_set_or_none() -> None:
 
 
 def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
-    settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0)
+    settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0, initial_floor="ground")
     tested, kept = port(Settings(ros2=settings))
 
     def given() -> list[Any]:
-        poses = [one.pose for one in kept.commands if isinstance(one, SetPose)]
+        poses = [(one.pose, one.floor) for one in kept.commands if isinstance(one, SetPose)]
         kept.log.clear()
         return poses
 
     tested.enter(State.ACTIVE)
-    assert given() == [(1.0, 0.0, 0.0)]
-    tested.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized"))
+    assert given() == [((1.0, 0.0, 0.0), "ground")]
+    tested.on_belief(on(("third", 0.97)))
     tested.enter(State.INACTIVE)
     assert kept.shown == {}
     tested.enter(State.UNCONFIGURED)
     assert kept.shown == {"initial_pose.x": 5.0, "initial_pose.y": -3.0, "initial_pose.yaw": 0.5}
     tested.enter(State.ACTIVE)
-    assert given() == [(5.0, -3.0, 0.5)]
+    assert given() == [((5.0, -3.0, 0.5), "third")]
     assert tested.parameters.settings.ros2.initial_x_m == 5.0
     assert kept.bonds == [True, False, True]
 
