@@ -148,13 +148,13 @@ class Amcl:
 
     def on_initial_pose(self, message: Any) -> None:
         """Handle a `geometry_msgs/PoseWithCovarianceStamped`; while inactive it is kept."""
-        if not self.is_active:
-            self._remembered_pose = message
-            return
         try:
             given = self._in.given_pose(message)
         except ValueError as problem:
             self._ros.refuse(Cause.POSE_REFUSED, str(problem))
+            return
+        if not self.is_active:
+            self._remembered_pose = message
             return
         floor = self.choice.floor or self.settings.initial_floor
         self._engine.command(replace(given, floor=floor))
@@ -169,6 +169,9 @@ class Amcl:
         self.use_waiting()
 
     # --- from the engine
+
+    def on_new_map(self) -> None:
+        self.choice.on_new_map()
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         self._particles[cluster] = particles

@@ -396,6 +396,9 @@ def test_a_pose_given_while_inactive_is_remembered() -> None:
     (given,) = robot.activate()
     assert isinstance(given, SetPose)
     robot.amcl.deactivate()
+    assert causes(robot.give(pose_stamped(PLACE, COVARIANCE, 0, "odom"))) == [
+        "initial pose refused"
+    ]
     assert robot.activate() == []
 
 
