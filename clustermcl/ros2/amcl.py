@@ -171,7 +171,9 @@ class Amcl:
     # --- from the engine
 
     def on_new_map(self) -> None:
-        self.choice.on_new_map()
+        """End the held cluster: another one may have its number in the new map."""
+        if self.choice.held is not None:
+            self.choice.held = -1
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         self._particles[cluster] = particles

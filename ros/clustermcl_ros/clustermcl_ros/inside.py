@@ -23,7 +23,7 @@ from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmark
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.map_message import from_reading
 from clustermcl.ros2.port import Port
-from clustermcl.ros2.sides import Command, EngineStatus, Reading
+from clustermcl.ros2.sides import NO_ID, SENDER, Command, EngineStatus, Reading
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.flow_control import FlowControl
@@ -71,9 +71,16 @@ class _Localizer(ClusterMCL):
         self._count_refused(observation.stamp_ns)
 
     def on_map(self, grid_map: GridMap) -> None:
-        if grid_map.digest != self.map.digest:
-            self.change_map(grid_map, grid_map.landmarks)
-            self._flow.on_new_map()
+        if grid_map.digest == self.map.digest:
+            return
+        before, keeps = self.belief, self._settings.coordinator.keep_pose_on_new_map
+        self.change_map(grid_map, grid_map.landmarks)
+        self._flow.on_new_map()
+        self._port.on_new_map()
+        if keeps and before is not None and before.state == "localized":
+            at, stamp_ns = before.hypotheses[0], before.stamp_ns
+            kept = SetPose(sender=SENDER, command_id=NO_ID, pose=at.pose, covariance=at.covariance)
+            self.on_command(replace(kept, stamp_ns=stamp_ns, floor=at.floor))
 
     def on_command(self, command: Command) -> None:
         match command:

@@ -1,5 +1,8 @@
 """From a robot's scan to AMCL's pose, over the middleware that ROS 2 has by default."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
@@ -9,15 +12,17 @@ from nav2_msgs.msg import ParticleCloud
 from std_msgs.msg import Float64, String
 from vision_msgs.msg import Detection3D
 
+from clustermcl.filter.arrays import UNKNOWN
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.ros.conftest import OpenRobot, StartDrive
-from tests.integration.ros.robot import LATCHED, SENSOR
+from tests.integration.ros.robot import LATCHED, SENSOR, WORLD
 from tests.integration.waiting import wait_until
 
 
 def test_a_scan_gives_amcl_pose_and_every_scan_a_transform(
     start_drive: StartDrive, open_robot: OpenRobot
 ) -> None:
-    drive = start_drive(active=False)
+    drive = start_drive(active=False, parameters={"coordinator.keep_pose_on_new_map": True})
     clouds = drive.robot.listen("particle_cloud", ParticleCloud, SENSOR)
     drive.robot.activate()
     drive.drive(1)
@@ -48,6 +53,13 @@ def test_a_scan_gives_amcl_pose_and_every_scan_a_transform(
     assert state.data == "localized"
     assert probability.data > 0.9
     assert len(places.results) == 1
+    before = world(WORLD).map
+    grown = np.pad(before.cells, ((0, 9), (0, 9)), constant_values=UNKNOWN)  # as by SLAM
+    drive.robot.put_map(replace(before, cells=grown))
+    drive.poses.clear()
+    drive.drive_until(lambda: len(drive.poses) > 9)
+    assert max(drive.error(number)[0] for number in range(9)) < 0.3
+    assert drive.states[-1].data == "localized"
 
 
 def test_without_a_given_pose_the_robot_is_found(start_drive: StartDrive) -> None:

@@ -11,7 +11,7 @@ import pytest
 from clustermcl_ros.inside import InsideEngine
 from msgspec.structs import replace
 
-from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.filter.arrays import OCCUPIED, UNKNOWN
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SearchSettings
 from clustermcl.localizer import Belief
@@ -33,7 +33,8 @@ from tests.integration.running import running
 from tests.integration.waiting import wait_until
 
 WORLD = world("cross_feature")
-QUICK = replace(SMALL, search=SearchSettings(poses=2_000, max_steps=20))
+KEEPING = replace(SMALL.coordinator, keep_pose_on_new_map=True)
+QUICK = replace(SMALL, search=SearchSettings(poses=2_000, max_steps=20), coordinator=KEEPING)
 
 
 class Heard:
@@ -44,6 +45,7 @@ class Heard:
         self.on_belief, self.on_advice = self.beliefs.append, self.advice.append
         self.clusters, self.refused = list[int](), list[str]()
         self.status: EngineStatus | None = None
+        self.new_maps = 0
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         assert len(particles.log_weights.array()) > 0
@@ -51,6 +53,9 @@ class Heard:
 
     def on_changes(self, _changes: Changes) -> None:
         pass
+
+    def on_new_map(self) -> None:
+        self.new_maps += 1
 
     def on_status(self, status: EngineStatus | None) -> None:
         self.status = status
@@ -137,14 +142,21 @@ def test_beliefs_are_those_of_the_library_bit_for_bit_through_live_settings(
     wait_until(lambda: heard.status and heard.status.settings == LiveSettings(max_beams=31))
 
 
-def test_commands_from_before_the_map_are_carried_out_with_it(driven: Driven) -> None:
+def test_commands_before_the_map_are_carried_out_with_it_and_a_new_map_keeps_the_pose(
+    driven: Driven,
+) -> None:
     heard, first = driven.heard, next(iter(Simulation(WORLD, seed=3)))
     driven.engine.command(SetPose(sender="amcl", command_id="", pose=first.map_from_robot))
-    driven.engine.put(map_reading(WORLD.map))
-    driven.drive_until(lambda: heard.beliefs and heard.beliefs[-1].state == "localized")
-    assert len(heard.beliefs) < 10
-    found = heard.beliefs[-1].hypotheses[0].pose
-    assert math.dist(found[:2], driven.truth[:2]) < 0.3
+    wider = np.pad(WORLD.map.cells, ((0, 9), (0, 9)), constant_values=UNKNOWN)
+    for cells in (WORLD.map.cells, wider):
+        driven.engine.put(map_reading(replaced(WORLD.map, cells=cells)))
+        wait_until(lambda: driven.engine.is_idle)
+        heard.beliefs.clear()
+        driven.drive_until(lambda: heard.beliefs and heard.beliefs[-1].state == "localized")
+        assert len(heard.beliefs) < 10
+        found = heard.beliefs[-1].hypotheses[0].pose
+        assert math.dist(found[:2], driven.truth[:2]) < 0.3
+    assert heard.new_maps == 1
     count = len(heard.beliefs)
     driven.engine.command(Relocalize(sender="amcl", command_id=""))
     wait_until(lambda: len(heard.beliefs) > count and heard.beliefs[-1].state == "searching")
@@ -192,7 +204,9 @@ def test_an_engine_that_is_late_skips_scans_until_it_has_caught_up(driven: Drive
     assert heard.beliefs[-1].step == heard.beliefs[-2].step + 1
 
 
-def test_a_new_map_is_searched_and_a_map_without_obstacles_is_refused(driven: Driven) -> None:
+def test_a_new_map_without_a_pose_is_searched_and_a_map_without_obstacles_is_refused(
+    driven: Driven,
+) -> None:
     heard, before = driven.heard, WORLD.map
     driven.engine.put(map_reading(replaced(before, cells=np.zeros_like(before.cells))))
     wait_until(lambda: any("no occupied cell" in one for one in heard.refused))

@@ -292,6 +292,16 @@ def test_map_to_odom_is_not_published_without_a_place() -> None:
     assert map_from_odom(robot.drive(4 * SECOND)) == []
 
 
+def test_in_a_new_map_the_place_near_the_last_pose_is_held_and_not_the_number() -> None:
+    robot = Robot()
+    robot.drive(SECOND)
+    robot.believe(SECOND)
+    robot.amcl.on_new_map()
+    found = belief(SECOND, (1, 0.6, (99.0, 0.0, 0.0)), (2, 0.4, PLACE))
+    assert len(published(robot.done(robot.amcl.on_belief, found), topics.AMCL_POSE)) == 1
+    assert robot.amcl.last_pose == PLACE
+
+
 def test_a_scan_is_broadcast_once_and_not_without_tf_broadcast() -> None:
     for is_on in (True, False):
         robot = Robot(Ros2Settings(tf_broadcast=is_on))
