@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from clustermcl.protocol.errors import InputFileError, RecordingError
-from clustermcl.protocol.steps import Reading
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import OdometryReading, Reading
 from clustermcl.runtime import compressed
 
 SENDER = "recording"
@@ -32,6 +33,11 @@ class Entry(NamedTuple):
 
     line_number: int
     reading: Reading
+
+
+def odometry_entry(number: int, stamp_ns: int, pose: PoseTuple) -> Entry:
+    reading = OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose)
+    return Entry(number, reading)
 
 
 def words_of_lines(

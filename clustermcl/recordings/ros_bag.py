@@ -17,11 +17,10 @@ import numpy as np
 from clustermcl.filter.motion.trajectory import MAX_EXTRAPOLATION_NS
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import RecordingError
-from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import MAX_BEAMS, LaserReading, OdometryReading
+from clustermcl.protocol.steps import MAX_BEAMS, LaserReading
 from clustermcl.recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
 from clustermcl.recordings.headers import frame_name, nanoseconds
-from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine
+from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine, odometry_entry
 from clustermcl.recordings.rigid import Rigid, is_upside_down, rigid_of
 from clustermcl.recordings.transforms import TransformMissingError, TransformTree
 from clustermcl.runtime.settings import BridgeSettings
@@ -161,7 +160,7 @@ class _Content:
             x, y, z, w = (getattr(pose.orientation, axis) for axis in "xyzw")
             heading = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
             at = (pose.position.x, pose.position.y, heading)
-            found.append((one.time_ns, 0, _odometry_entry(one.number, stamp_ns, at)))
+            found.append((one.time_ns, 0, odometry_entry(one.number, stamp_ns, at)))
         return base, found
 
     def _tf_odometry(self, odom_frame: str, base: str) -> list[_Sorted]:
@@ -176,7 +175,7 @@ class _Content:
         for at in self._links[(moving or links)[-1]]:
             with suppress(TransformMissingError):  # another link begins later or ends earlier
                 pose = self._tree.lookup(odom_frame, base, at.stamp_ns).planar()
-                found.append((at.time_ns, 0, _odometry_entry(at.number, at.stamp_ns, pose)))
+                found.append((at.time_ns, 0, odometry_entry(at.number, at.stamp_ns, pose)))
         return found
 
     def _refuse_two_parents(self, way: Sequence[str]) -> None:
@@ -247,11 +246,6 @@ def _tf_topics(bag: BagFile, scan_topic: str) -> list[str]:
     if above not in namespaces:
         raise ValueError(f"several robots' tf ({', '.join(topics)}), none above {scan_topic}")
     return [topic for topic in topics if topic.rpartition("/")[0] == above]
-
-
-def _odometry_entry(number: int, stamp_ns: int, pose: PoseTuple) -> Entry:
-    reading = OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose)
-    return Entry(number, reading)
 
 
 def _frame_of(scan: BagMessage) -> str:

@@ -20,12 +20,12 @@ from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
+from clustermcl.protocol.steps import LaserReading, Scan
 from clustermcl.protocol.validity import problem_of
 from clustermcl.recordings import foxglove
 from clustermcl.recordings.bag_chunks import mcap_records
 from clustermcl.recordings.foxglove import BASE, MAP, ODOM
-from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine
+from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine, odometry_entry
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.runtime.compressed import most_unpacked, os_problem
 from clustermcl.runtime.output_files import OutputError
@@ -258,11 +258,7 @@ def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
             elif message.topic == ODOMETRY:
                 link = decoded(message, foxglove.LinkFields, file)
                 if link.child_frame_id == BASE:
-                    pose = link.parent_from_child
-                    moved = OdometryReading(
-                        sender=SENDER, stamp_ns=link.stamp_ns, odom_from_robot=pose
-                    )
-                    entries.append(Entry(number, moved))
+                    entries.append(odometry_entry(number, link.stamp_ns, link.parent_from_child))
         if log.cut:
             skipped.append(SkippedLine(number + 1, f"from here on cut off or damaged: {log.cut}"))
     return entries, skipped
