@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, TypeAlias
 
 from clustermcl.protocol.live_settings import LiveSettings
@@ -88,10 +87,10 @@ _MOTION_MODELS = {
 }  # fmt: skip
 
 
-def _one_of(known: dict[str, str], value: str) -> str:
-    if value not in known:
-        raise ValueError(f"nav2 has {', '.join(known)}")
-    return known[value]
+def _our_motion_model(model: str) -> str:
+    if model not in _MOTION_MODELS:
+        raise ValueError(f"nav2 has {', '.join(_MOTION_MODELS)}")
+    return _MOTION_MODELS[model]
 
 
 def _nav2_motion_model(model: str) -> str:
@@ -141,7 +140,7 @@ _ALL = (
         "robot_model_type",
         "nav2_amcl::DifferentialMotionModel",
         "motion.model",
-        partial(_one_of, _MOTION_MODELS),
+        _our_motion_model,
         _nav2_motion_model,
     ),
     Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),

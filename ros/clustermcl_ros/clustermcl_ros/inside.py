@@ -28,7 +28,6 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.flow_control import FlowControl
 
-_SNAPSHOT_EVERY_STEPS = 10
 _STATUS_EVERY_S, _CHANGES_EVERY_S, _POLL_S = 1.0, 5.0, 0.1
 _LATE_S = 0.5
 """Readings that have waited for longer make no step: the filter has to catch up [s]."""
@@ -38,7 +37,7 @@ _QUEUED = {LaserReading: 100, OdometryReading: 1000, Observation: 100, MapReadin
 class _Localizer(ClusterMCL):
     """The library's localizer, which takes messages and calls a port."""
 
-    _SNAPSHOT_EVERY_STEPS = _SNAPSHOT_EVERY_STEPS
+    _SNAPSHOT_EVERY_STEPS = 10
 
     def __init__(self, grid_map: GridMap, settings: Settings, port: Port) -> None:
         self._port, self.live = port, AS_STARTED

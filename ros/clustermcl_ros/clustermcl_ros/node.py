@@ -38,6 +38,7 @@ from clustermcl_ros.messages import class_of
 ENGINE = "engine"
 _OF_RCLPY = ("use_sim_time", "start_type_description_service")
 _SENT_TRANSFORMS = 200
+_LOAD_MAP = "nav2_msgs/srv/LoadMap"
 _DONE = TransitionCallbackReturn.SUCCESS
 
 _log = logging.getLogger(__name__)
@@ -59,7 +60,6 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         self._bond = BondThread(self._publishers_of[topics.BOND].publish, self.get_name())
         self._causes, self._showing = CauseCounter(), False
         self._resumed: BridgeState | None = None
-        self._load_map: Any = None
         self._calls: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._called = self.create_guard_condition(self._run_calls)
 
@@ -72,7 +72,8 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         for name, ros_type in SERVICES.items():
             self.create_service(class_of(ros_type), name, self._serve(name))
         if self.settings.ros2.load_floor_maps:
-            self._map_loader()
+            # Before the first request: DDS loses one that is made before it has found the server.
+            self._load_map = self.create_client(class_of(_LOAD_MAP), "map_server/load_map")
         self.add_on_set_parameters_callback(self._on_set)
         backward = JumpThreshold(
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
@@ -219,23 +220,15 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         else:
             self._bond.end()
 
-    def _map_loader(self) -> Any:
-        """Return the client of map_server, which must exist before the first request: DDS loses
-        one that is made before it has found the server."""
-        if self._load_map is None:
-            kind = class_of("nav2_msgs/srv/LoadMap")
-            self._load_map = self.create_client(kind, "map_server/load_map")
-        return self._load_map
-
     def load_map(self, file: str) -> None:
-        kind = class_of("nav2_msgs/srv/LoadMap")
+        kind = class_of(_LOAD_MAP)
 
         def on_done(future: Any) -> None:
             result = future.result()
             failed = result is None or result.result != kind.Response.RESULT_SUCCESS
             self.port.on_map_loaded("map_server refuses it" if failed else "")
 
-        asked = self._map_loader().call_async(kind.Request(map_url=file))
+        asked = self._load_map.call_async(kind.Request(map_url=file))
         asked.add_done_callback(lambda future: self.later(lambda: on_done(future)))
 
     def refuse(self, cause: AnyCause, detail: str) -> None:
