@@ -12,18 +12,17 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
+from clustermcl.belief.dead_reckoning import moved_by
 from clustermcl.belief.familiarity import USUAL, Familiarity, Learned
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.gaussian import share_near_mean
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, UsualFit
-from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
-from clustermcl.filter.poses import compose
+from clustermcl.filter.motion.noise import motion_covariance
 from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from clustermcl.protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from clustermcl.protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
-from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from clustermcl.protocol.work import ParticleCount, Place, TrackReport
 
 ESTABLISHED = 15.0
@@ -224,13 +223,8 @@ class ClusterSet(Part):
         noise = motion_covariance(before_from_after, motion)
         for cluster in self.all():
             if cluster.job_id in job_ids:
-                mean, known = np.array(cluster.pose), covariance_matrix(cluster.covariance)
-                covariance = composed_covariance(mean, known, before_from_after, noise)
-                self.change(
-                    cluster,
-                    pose=pose_tuple(compose(mean, before_from_after)),
-                    covariance=covariance_tuple(covariance),
-                )
+                moved = moved_by(cluster.pose, cluster.covariance, before_from_after, noise)
+                self.change(cluster, pose=moved[0], covariance=moved[1])
 
     def merge_overlaps(self, reach_m: float, reach_rad: float) -> list[Ended]:
         """Join clusters within this reach: probabilities add, the most probable one stays."""
