@@ -65,9 +65,9 @@ def weigh(
     update = _Update(held, ordered, news, beams, ledger)
     log_here, log_there, log_off = update.kidnapped()
     among = belief.normalised_logs(held.log_probabilities()[:-2])
-    ledger.note_update("lifted or brought back", among, log_here, log_there, log_off)
+    ledger.note("lifted or brought back", np.append(among + log_here, (log_there, log_off)))
     among, log_scan = update.among_clusters(among)
-    ledger.note_update("scan", among, log_here, log_there, log_off)
+    ledger.note("scan", np.append(among + log_here, (log_there, log_off)))
     cut_short, through = update.explained(among)
     log_scan += cut_short
     update.follow_fit(log_scan - through, float(among.max()) + log_here)
@@ -85,12 +85,12 @@ def weigh(
         )
     if held.fit.has_fallen and not held.on_map:
         log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
-    here = np.append(among + log_here, (log_there, log_off))
-    ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
-    ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)
-    here[:-2] += odds
+    after = np.append(among + log_here, (log_there, log_off))
+    ledger.note("scan over the whole map", after)
+    after[:-2] += odds
+    ledger.note("beams through walls", after)
     seen = update.observed(elsewhere.log_observed if elsewhere else 0.0)
-    held.set_log_probabilities(belief.normalised_logs(here + seen))
+    held.set_log_probabilities(belief.normalised_logs(after + seen))
     if seen.any():
         ledger.note("observations")
 

@@ -187,16 +187,16 @@ class ClusterSet(Part):
         """Return the clusters, most probable first."""
         return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
-    def near(self, reach_m: float, reach_rad: float) -> tuple[list[float], float]:
-        """Return (K,) log probabilities that the robot is near each cluster's pose, and elsewhere.
+    def near(self, reach_m: float, reach_rad: float) -> belief.LogProbabilities:
+        """Return `log_probabilities`, but of being within this reach of each cluster's pose.
 
-        Elsewhere has what the clouds have beyond this reach.
+        Elsewhere has what the clouds have beyond it.
         """
         shares = [share_near_mean(c.covariance, reach_m, reach_rad) for c in self.all()]
         each = list(zip(self.all(), shares, strict=True))
         beyond = (cluster.probability * (1.0 - share) for cluster, share in each)
         logs = [max(cluster.log_probability + log_of(share), LEAST_LOG) for cluster, share in each]
-        return logs, log_of(math.fsum([self.elsewhere, *beyond]))
+        return np.array([*logs, log_of(math.fsum([self.elsewhere, *beyond])), self.log_off_map])
 
     def follow(self, reports: Mapping[str, TrackReport]) -> None:
         """Move clusters to the poses of their reports; these confirm a given pose."""

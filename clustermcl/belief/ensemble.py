@@ -353,7 +353,7 @@ class Ensemble(Part, kw_only=True):
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
         self.begin = {}
-        near, log_elsewhere = self.clusters.near(*self._reach)
+        *near, log_elsewhere, _ = self.clusters.near(*self._reach).tolist()
         each = zip(self.clusters.all(), near, strict=True)
         tracked = [hypothesis_of(cluster, log_near, step) for cluster, log_near in each]
         tracked.sort(key=lambda place: (-place.log_probability, place.cluster))

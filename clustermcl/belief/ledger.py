@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,52 +19,30 @@ _OUTSIDE = (-2, -1)
 
 
 class Ledger:
-    """The log probabilities of all hypotheses after each cause of a change, from the first on.
-
-    Log odds are computed at the end of a step. Arrays of a few numbers are slower than lists.
-    """
+    """The log odds of all hypotheses after each cause of a change, from the first on."""
 
     def __init__(
         self, clusters: ClusterSet, reach: tuple[float, float] = (math.inf, math.inf)
     ) -> None:
         self._clusters, self._reach = clusters, reach
-        self._entries: list[tuple[str, tuple[int, ...], list[float]]] = []
+        self._entries: list[tuple[str, dict[int, float]]] = []
         self._facts: dict[str, NDArray[np.float64] | float] = {}
         self._with_facts: tuple[int, ...] = ()
-        self._note_near("")
+        self.note("", clusters.near(*reach))
         self.note(_WIDTH)
 
-    def note(self, cause: str) -> None:
-        """Attribute all changes of the clusters since the last note to a cause."""
-        held = self._clusters
-        logs = [cluster.log_probability for cluster in held.clusters.values()]
-        logs += (held.log_elsewhere, held.log_off_map)
-        self._entries.append((cause, (*held.clusters, *_OUTSIDE), logs))
-
-    def _note_near(self, cause: str) -> None:
-        near, log_elsewhere = self._clusters.near(*self._reach)
-        self.note_update(cause, np.array(near), 0.0, log_elsewhere, self._clusters.log_off_map)
-
-    def note_update(
-        self,
-        cause: str,
-        among: NDArray[np.float64],
-        log_here: float,
-        log_there: float,
-        log_off: float,
-    ) -> None:
-        """Attribute all changes since the last note to a part of an update.
+    def note(self, cause: str, log_values: NDArray[np.float64] | None = None) -> None:
+        """Attribute all changes since the last note to a cause.
 
         Args:
             cause: name of it.
-            among: (K,) log probabilities among the clusters.
-            log_here: log probability of all clusters, which need not be normalised, nor those of:
-            log_there: elsewhere on the map.
-            log_off: off the map.
+            log_values: (K + 2,) log probabilities since then, as `ClusterSet.log_probabilities`,
+                but they need not be normalised; None: those of the clusters.
         """
-        logs = [log + log_here for log in among.tolist()]
-        logs += (log_there, log_off)
-        self._entries.append((cause, (*self._clusters.clusters, *_OUTSIDE), logs))
+        held = self._clusters
+        logs = held.log_probabilities() if log_values is None else log_values
+        odds = zip((*held.clusters, *_OUTSIDE), log_odds(logs.tolist()), strict=True)
+        self._entries.append((cause, dict(odds)))
 
     def note_facts(self, **facts: NDArray[np.float64] | float) -> None:
         """Note numbers of (K,) clusters, or one for all; NaN: unknown."""
@@ -71,17 +50,13 @@ class Ledger:
 
     def why(self, numbers: Sequence[int]) -> Why:
         """Return all changes, in the order of these clusters: the hypotheses."""
-        self._note_near(_WIDTH)
+        self.note(_WIDTH, self._clusters.near(*self._reach))
         kept = (*numbers, *_OUTSIDE)
-        (_, of, logs), *rest = self._entries
-        before = dict(zip(of, log_odds(logs), strict=True))
         changes: dict[str, list[float]] = {}
-        for cause, of, logs in rest:
-            after = dict(zip(of, log_odds(logs), strict=True))
-            change = [after.get(n, 0.0) - before.get(n, 0.0) for n in kept]
+        for (_, before), (cause, after) in pairwise(self._entries):
+            change = (after.get(n, 0.0) - before.get(n, 0.0) for n in kept)
             so_far = changes.get(cause, [0.0] * len(kept))
             changes[cause] = [sum(each) for each in zip(so_far, change, strict=True)]
-            before = after
         shown = {cause: tuple(round(nat, DIGITS) for nat in of) for cause, of in changes.items()}
         shown = {cause: of for cause, of in shown.items() if any(of)}
         return Why(shown, self._shown_facts(numbers))

@@ -122,8 +122,8 @@ def test_a_part_of_an_update_is_noted_with_the_odds_of_all_hypotheses() -> None:
     clusters, candidate = ClusterSet(BeliefSettings()), place(0.5, (0.0, 0.0, 0.0), 0)
     clusters.admit([(candidate, "restart"), (candidate, "restart")], 0)
     ledger, before = Ledger(clusters), log_odds(clusters.log_probabilities().tolist())
-    half, third = math.log(0.5), np.log([1 / 3, 2 / 3])
-    ledger.note_update("scan", third, half, math.log(0.3), math.log(0.2))
-    after = log_odds(np.log([0.5 / 3, 1.0 / 3, 0.3, 0.2]).tolist())
+    logs = np.log([0.5 / 3, 1.0 / 3, 0.3, 0.2])
+    ledger.note("scan", logs + 7.0)  # they need not be normalised
+    after = log_odds(logs.tolist())
     changes = ledger.why((0, 1)).changes["scan"]
     assert changes == pytest.approx(np.subtract(after, before), abs=2.0 * ROUNDED)
