@@ -255,8 +255,8 @@ class ClusterSet(Part):
         Returns:
             The new clusters, in the order of the candidates, and who began and who ended.
         """
-        leaving = self._make_room(len(candidates))
-        first = self.next_cluster
+        surplus = max(len(self.clusters) + len(candidates) - self.rules.max_clusters, 0)
+        leaving, first = self.by_probability()[::-1][:surplus], self.next_cluster
         for place, cause in candidates:
             self.clusters[self.next_cluster] = Cluster(
                 self.next_cluster,
@@ -268,9 +268,13 @@ class ClusterSet(Part):
                 familiarity=Familiarity.of(max(USUAL, self.learned.probable.share)),
             )
             self.next_cluster += 1
+        pushing = [self.clusters[number] for number in range(first, self.next_cluster)][-surplus:]
+        events: list[JobEvent] = []
+        for index, cluster in enumerate(leaving):
+            by = pushing[index : index + 1] or pushing[-1:]  # the last one replaces the rest
+            events += self.end([cluster], "pushed out", *by)
         self._normalise()
         admitted = [self.clusters[number] for number in range(first, self.next_cluster)]
-        events: list[JobEvent] = [*_pushed_out(leaving, admitted)]
         events += [
             Began(cluster.job_id, cause, cluster.probability)
             for cluster, (_, cause) in zip(admitted, candidates, strict=True)
@@ -293,9 +297,9 @@ class ClusterSet(Part):
         is_held = self.given is not None and self.given.is_established and self.oldest_holds
         least = 1.0 if is_held else self.rules.least_probability
         leaving = [each for each in self.by_probability()[1:] if each.probability < least]
-        ended = self.end(leaving, "improbable")
         logs = [cluster.log_probability for cluster in leaving]
         self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
+        ended = self.end(leaving, "improbable")
         self._normalise()
         return ended
 
@@ -328,19 +332,12 @@ class ClusterSet(Part):
         self.fit, self.given, self.on_map = UsualFit(), None, False
         return self.end(self.all(), cause)
 
-    def _make_room(self, count: int) -> list[Cluster]:
-        """Remove the clusters that exceed the maximum after `count` more; return them."""
-        surplus = len(self.clusters) + count - self.rules.max_clusters
-        leaving = self.by_probability()[::-1][: max(surplus, 0)]
-        for cluster in leaving:
-            del self.clusters[cluster.cluster]
-        return leaving
-
     def end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
         """Remove clusters, whose probability nothing else gets yet; return their events."""
         for cluster in leaving:
             del self.clusters[cluster.cluster]
-        return [_ended(cluster, cause, *by) for cluster in leaving]
+        others = tuple(other.job_id for other in by)
+        return [Ended(cluster.job_id, cause, others, cluster.probability) for cluster in leaving]
 
     def log_probabilities(self) -> belief.LogProbabilities:
         """Return (K + 2,) log probabilities of the clusters, of elsewhere, and of off the map."""
@@ -360,19 +357,3 @@ class ClusterSet(Part):
 
 def log_of(probability: float) -> float:
     return math.log(probability) if probability > 0.0 else -math.inf
-
-
-def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
-    """Return the events of replaced clusters, each with the candidate that replaced it.
-
-    If there are fewer candidates than replaced clusters, the last one replaced the rest.
-    """
-    pushing = admitted[-len(leaving) :]
-    return [
-        _ended(cluster, "pushed out", *(pushing[place : place + 1] or pushing[-1:]))
-        for place, cluster in enumerate(leaving)
-    ]
-
-
-def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:
-    return Ended(cluster.job_id, cause, tuple(other.job_id for other in by), cluster.probability)

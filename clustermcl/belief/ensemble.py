@@ -108,8 +108,7 @@ class Ensemble(Part, kw_only=True):
     def begin_at(self, step: int, prior_pose: Place | None = None) -> dict[str, Job]:
         """Start the first search, before the first step; return the jobs that process its scan."""
         self.prior_pose = prior_pose
-        self.begin |= self.standing_jobs(step)
-        self._start_search(step)
+        self.begin |= self.standing_jobs(step) | self.search.begin(step)
         begin, self.begin = self.begin, {}
         return begin
 
@@ -137,18 +136,18 @@ class Ensemble(Part, kw_only=True):
         """
         was_lost, had_fallen = self.clusters.is_lost, self.clusters.fit_has_fallen
         was_elsewhere = self.clusters.is_elsewhere or not len(self.clusters)
-        arrived = {report.job_id for report in reports if report.step == step}
-        arrived |= set(self.deferrable)  # searches may lag
-        missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
-        tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
-        of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
-        elsewhere = next(of_elsewhere, None)
+        arrived = [report for report in reports if report.step == step]
+        known = {report.job_id for report in arrived} | set(self.deferrable)  # searches may lag
+        missing = tuple(job_id for job_id in self.expected if job_id not in known)
+        tracks = {report.job_id: report for report in arrived if isinstance(report, TrackReport)}
+        elsewhere = next((one for one in arrived if isinstance(one, ElsewhereReport)), None)
         observed = elsewhere.places if elsewhere else None
-        self._see(before_from_after)
-        news = 1.0
-        is_given = not all(cluster.confirmed for cluster in self.clusters.all())
-        if before_from_after is not None and observed is None and not is_given:
-            news = new_share(before_from_after, self.settings.cluster)
+        news, seen = 1.0, ViewMemory.of_this_scan()
+        if before_from_after is not None:
+            seen = self.seen.after(before_from_after)
+            if observed is None and all(cluster.confirmed for cluster in self.clusters.all()):
+                news = new_share(before_from_after, self.settings.cluster)
+        self.seen = seen
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
         ledger = Ledger(self.clusters, self._reach)
         self.pieces = self.pieces.moved(self._motion(tracks, before_from_after))
@@ -161,8 +160,8 @@ class Ensemble(Part, kw_only=True):
             if entering := ride(self.clusters, scan, news, self.settings, in_cabin=in_cabin):
                 self._admit(entering, step)
             ledger.note("lifts and stairs")
-        best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
-        is_sure = best >= self.settings.belief.localized_probability
+        least = self.settings.belief.localized_probability
+        is_sure = any(cluster.probability >= least for cluster in self.clusters.all())
         if scan is not None and scan.own_robot_found and not is_sure:
             return self.relocalize(step, "own robot found")
         if missing and before_from_after is not None:
@@ -214,7 +213,7 @@ class Ensemble(Part, kw_only=True):
         """
         self._forget(step, cause)
         self.founding = True
-        self._start_search(step + 1, near, corners)
+        self.begin |= self.search.begin(step + 1, near, corners)
         return self.outcome(step)
 
     def continue_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
@@ -225,11 +224,6 @@ class Ensemble(Part, kw_only=True):
         return self.outcome(step)
 
     # --- clusters
-
-    def _see(self, before_from_after: Pose | None) -> None:
-        if before_from_after is None:
-            self.seen, before_from_after = ViewMemory(), np.zeros(3)
-        self.seen = self.seen.after(before_from_after)
 
     def _motion(self, tracks: Mapping[str, TrackReport], before_from_after: Pose | None) -> Pose:
         """Return the motion of the most probable place: its scans correct odometry."""
@@ -265,14 +259,6 @@ class Ensemble(Part, kw_only=True):
 
     # --- the search
 
-    def _start_search(
-        self,
-        first_step: int,
-        near: Circle | None = None,
-        corners: Corners | None = None,
-    ) -> None:
-        self.begin |= self.search.begin(first_step, near, corners)
-
     def _look_elsewhere(self, step: int, *, had_fallen: bool, was_elsewhere: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
         given, fell = self.clusters.given, self.clusters.fit_has_fallen and not had_fallen
@@ -283,7 +269,7 @@ class Ensemble(Part, kw_only=True):
         is_due = self.search.is_due_for(step, self.clusters)
         if given is not None or lifted or fell or is_due:
             self.events += self.search.stop(step, "search stopped")
-            self._start_search(step + 1)
+            self.begin |= self.search.begin(step + 1)
 
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
