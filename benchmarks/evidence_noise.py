@@ -1,6 +1,6 @@
 """How noisy the evidence of a cluster is: a study of particles, exponents and resampling.
 
-    python benchmarks/evidence_noise.py [--steps N]
+    python -m benchmarks.evidence_noise [--steps N]
 
 Places that look exactly alike are tracked side by side from the truth and its mirror images.
 Their evidences should be equal; the log of their ratio is Monte Carlo error, and its sum over
@@ -9,7 +9,6 @@ steps is a random walk. Its long-run standard deviation per root step comes from
 
 import argparse
 import math
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from itertools import combinations
 from multiprocessing import get_context
@@ -17,6 +16,7 @@ from multiprocessing import get_context
 import msgspec
 import numpy as np
 
+from benchmarks.experiments.observability import middle_of, turned_copies
 from benchmarks.worlds import world
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
@@ -24,11 +24,8 @@ from clustermcl.filter.poses import between
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.scan_arrays import scan_beams
-from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.sensor_bridge.step_maker import StepMaker
-from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.simulation import Simulation, simulated_steps
 
 ALIKE = {"cross": 4, "rectangle": 2}
 SETTLE_STEPS, BATCH_STEPS = 20, 50
@@ -41,35 +38,25 @@ VARIATIONS: tuple[dict[str, dict[str, object]], ...] = (
 )
 
 
-def simulated(simulation: Simulation) -> Iterator[tuple[Scan, PoseTuple]]:
-    """Steps with the true pose at each."""
-    maker = StepMaker(BridgeSettings(), map_digest="", sender="study")
-    for tick in simulation:
-        for reading in tick.readings:
-            scan = maker.on_reading(reading)
-            if scan is not None:
-                yield scan, tick.map_from_robot
-
-
 def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple[float, float]:
     """Standard deviation of the log-ratio of two evidences: of one step, and long-run."""
     settings = msgspec.convert(changes, FilterSettings)
     place, count = world(name), ALIKE[name]
     model = sensor_model(place.map, settings.sensor, cache_folder=None)
-    middle = np.array([*place.map.size_m, 0.0]) / 2.0 + place.map.map_from_grid
     rngs = [np.random.default_rng([1, index]) for index in range(count)]
     clouds: list[ParticleSet] = []
     before = np.zeros(3)
     evidence = []
-    for scan, truth in simulated(Simulation(place, seed=1)):
+    for scan, truth in simulated_steps(Simulation(place, seed=1), BridgeSettings()):
         after = np.array(scan.odom_from_robot)
         if not clouds:
+            alike = turned_copies(truth, count, middle_of(place.map))
             clouds = [
                 ParticleSet.even(
-                    turned(np.array(truth), middle, 2.0 * math.pi * index / count)
+                    np.array(pose)
                     + rng.standard_normal((settings.cluster.particles, 3)) * [0.1, 0.1, 0.05]
                 )
-                for index, rng in enumerate(rngs)
+                for pose, rng in zip(alike, rngs, strict=True)
             ]
         else:
             beams, motion = scan_beams(scan, model), between(before, after)
@@ -91,13 +78,6 @@ def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple
         for ratio in ratios
     ]
     return float(np.std(ratios)), float(np.std(batches) / math.sqrt(BATCH_STEPS))
-
-
-def turned(pose: np.ndarray, middle: np.ndarray, turn: float) -> np.ndarray:
-    """A pose turned about the middle of the map."""
-    c, s = math.cos(turn), math.sin(turn)
-    x, y, heading = pose - middle
-    return np.array([c * x - s * y, s * x + c * y, heading + turn]) + middle
 
 
 def main() -> None:
