@@ -19,7 +19,6 @@ from clustermcl.filter.cluster.cluster_filter import (
     regularised_resample,
 )
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.motion.model import move, standard_normals
 from clustermcl.filter.poses import between, compose
@@ -172,8 +171,7 @@ class OrdinaryMCL:
         return _outcome(scan, places_of(self.particles, settings, rng), settings)
 
     def _weighed(self, particles: ParticleSet, beams: Beams) -> ParticleSet:
-        exponent = scan_exponent(beams.count, self._model.settings)
-        result = measurement_update(particles, beams, self._model, exponent)
+        result = measurement_update(particles, beams, self._model)
         if self._recovery:
             count = len(particles.log_weights)
             self._recovery.on_likelihood(result.log_weight_sum - math.log(count))

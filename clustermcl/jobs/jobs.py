@@ -16,7 +16,6 @@ from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.laser.beam_fits import beam_fits
-from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.log_weights import multiplied
 from clustermcl.filter.observations.likelihood import allowed_poses, log_ratios
@@ -250,10 +249,7 @@ class Elsewhere(RunningJob):
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = self._arrays.once(scan_beams, scan, self._model)
         self.step = scan.step
-        exponent = scan_exponent(beams.count, self._model.settings)
-        result = cluster_filter.measurement_update(
-            ParticleSet.even(poses), beams, self._model, exponent
-        )
+        result = cluster_filter.measurement_update(ParticleSet.even(poses), beams, self._model)
         log_likelihood = result.log_weight_sum - math.log(len(poses))
         log_observed, found = self._observed(scan, beams, log_likelihood, rng)
         return work.ElsewhereReport(
@@ -278,9 +274,8 @@ class Elsewhere(RunningJob):
         if not len(poses):
             return log_average, None
         log_weights += log_ratios(poses, self._arrays.once(observation_arrays, scan, model))
-        exponent = scan_exponent(beams.count, model.settings)
         particles = ParticleSet(poses, log_weights)
-        result = cluster_filter.measurement_update(particles, beams, model, exponent)
+        result = cluster_filter.measurement_update(particles, beams, model)
         log_both = result.log_weight_sum - math.log(count)
         log_joint = log_both - log_likelihood
         log_observed = max(log_joint, log_average)

@@ -90,18 +90,18 @@ def resampled(
 
 
 def measurement_update(
-    particles: ParticleSet, beams: Beams, model: SensorModel, exponent: float, share: float = 1.0
+    particles: ParticleSet, beams: Beams, model: SensorModel, share: float = 1.0
 ) -> MeasurementUpdate:
     """Multiply the weights by the likelihood of a scan; without beams, they stay.
 
-    `exponent` is there because beams are not independent. If less than all of the scan is new, its
-    `share`, times `share_by_fit`, is a further factor of the log-likelihood and of the penalty for
-    ground that is not free, for the weights but not for the evidence.
+    If less than all of the scan is new, its `share`, times `share_by_fit`, is a further factor of
+    the log-likelihood and of the penalty for ground that is not free, for the weights but not for
+    the evidence.
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
         return MeasurementUpdate(particles, particles, math.log(len(before)))
-    fit = model.log_likelihood(poses, beams)
+    fit, exponent = model.log_likelihood(poses, beams), scan_exponent(beams.count, model.settings)
     # The likelihood field is high inside walls, where no robot can be.
     penalty = ground_log_penalty(poses, model.grid, model.settings.not_free_log_penalty)
     log_weights, total = multiplied(before, fit, exponent, penalty)
@@ -164,10 +164,8 @@ def mcl_step(
     particles = resampled(particles, count or len(particles.log_weights), settings, rng)
     noise = standard_normals(rng, 3, len(particles.log_weights))
     moved = move(particles.map_from_robot, before_from_after, motion, noise, by_scans)
-    exponent = scan_exponent(beams.count, model.settings)
     share = 1.0 if is_first else new_share(before_from_after, settings)
-    after_motion = ParticleSet(moved, particles.log_weights)
-    return measurement_update(after_motion, beams, model, exponent, share)
+    return measurement_update(ParticleSet(moved, particles.log_weights), beams, model, share)
 
 
 def regularised_resample(

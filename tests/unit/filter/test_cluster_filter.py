@@ -63,7 +63,7 @@ def test_a_scan_changes_weights_by_its_share_but_is_full_evidence(
     moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
     fit = model.log_likelihood(moved.map_from_robot, beams).max()
     share *= share_by_fit(float(fit) / beams.count, model.settings)
-    whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
+    whole = measurement_update(moved, beams, model)
     assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
     reported, in_full = (
         c.log_weights - cloud.log_weights for c in (result.particles, whole.particles)
@@ -72,12 +72,13 @@ def test_a_scan_changes_weights_by_its_share_but_is_full_evidence(
 
 
 def test_the_exponent_applies_to_the_scan_and_not_to_the_free_ground() -> None:
-    model = model_of(plain_room(), SensorSettings(not_free_log_penalty=-2.0))
+    sensor = SensorSettings(scan_likelihood_exponent=0.25, not_free_log_penalty=-2.0)
+    model = model_of(plain_room(), sensor)
     poses = np.array([[1.0, 3.0, 0.3], [1.1, 3.0, 0.3], [0.01, 3.0, 0.3]])
     beams = seen_from(HERE, plain_room())
     fit = model.log_likelihood(poses, beams)
     expected = 0.25 * fit + [0.0, 0.0, -2.0]
-    result = measurement_update(ParticleSet.even(poses), beams, model, exponent=0.25)
+    result = measurement_update(ParticleSet.even(poses), beams, model)
     assert result.log_weight_sum == pytest.approx(np.logaddexp.reduce(expected))
     np.testing.assert_allclose(np.diff(result.particles.log_weights), np.diff(expected))
 
@@ -87,9 +88,7 @@ def test_ground_that_is_not_free_counts_as_little_as_the_scan_that_is_not_new() 
     poses = np.array([[1.0, 3.0, 0.3], [0.01, 3.0, 0.3]])
     beams = seen_from(HERE, plain_room())
     with_penalty, without = (
-        measurement_update(
-            ParticleSet.even(poses), beams, model_of(plain_room(), sensor), 0.25, share=0.3
-        )
+        measurement_update(ParticleSet.even(poses), beams, model_of(plain_room(), sensor), 0.3)
         for sensor in (
             SensorSettings(not_free_log_penalty=-2.0),
             SensorSettings(not_free_log_penalty=0.0),
@@ -107,7 +106,7 @@ def test_the_most_probable_particle_is_one_where_the_others_are() -> None:
     cloud = ParticleSet.even(np.vstack([cloud_round(HERE, 200).map_from_robot, astray]))
     beams, model = seen_from(astray, plain_room()), model_of(plain_room())
     assert np.argmax(model.log_likelihood(cloud.map_from_robot, beams)) == 200
-    best = measurement_update(cloud, beams, model, exponent=0.05).best
+    best = measurement_update(cloud, beams, model).best
     assert best is not None
     assert math.dist(best[:2], HERE[:2]) < 0.25
 
@@ -118,7 +117,7 @@ def test_equal_particles_and_those_far_away_on_a_line_have_a_most_probable_one(
 ) -> None:
     line = np.array([[0.0, 0.0, 0.0], [-apart_m, -apart_m, 0.0], [apart_m, apart_m, 0.0]])
     beams, model = seen_from(HERE, plain_room()), model_of(plain_room())
-    best = measurement_update(ParticleSet.even(HERE + line), beams, model, 0.2).best
+    best = measurement_update(ParticleSet.even(HERE + line), beams, model).best
     np.testing.assert_array_equal(best, HERE)
 
 
@@ -155,7 +154,7 @@ def cloud_round(pose: np.ndarray, count: int) -> ParticleSet:
 def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
     cloud = cloud_round(HERE, 10)
     nothing = Beams(np.empty(0), np.empty(0), np.zeros(3))
-    result = measurement_update(cloud, nothing, model_of(plain_room()), exponent=0.2)
+    result = measurement_update(cloud, nothing, model_of(plain_room()))
     assert result.particles is cloud
     assert result.log_weight_sum == pytest.approx(math.log(10))
 

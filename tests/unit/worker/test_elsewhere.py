@@ -50,9 +50,7 @@ def test_the_likelihood_elsewhere_is_the_average_over_even_poses(
     beams = scan_beams(drive.scans[0], model)
     logs = np.array(
         [
-            measurement_update(
-                ParticleSet.even(pose[None]), beams, model, SENSOR.scan_likelihood_exponent
-            ).log_weight_sum
+            measurement_update(ParticleSet.even(pose[None]), beams, model).log_weight_sum
             for pose in poses
         ]
     )
