@@ -13,7 +13,6 @@ from clustermcl.protocol.advice import Advice, AdviceQuestion, Way
 from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
 from clustermcl.protocol.steps import Scan
 
-PROBABLY_ELSEWHERE = 0.5
 LOST = "the robot is probably at another place: wait for the search"
 
 
@@ -33,7 +32,8 @@ def advice(
         clusters=tuple(place.cluster for place in asked.hypotheses),
         places=tuple(place.pose for place in asked.hypotheses),
     )
-    count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
+    count = len(asked.hypotheses)
+    is_lost = asked.elsewhere_probability > settings.belief.lost_probability
     if count < 2:
         known = "only one place is possible: there is nothing to distinguish"
         note = LOST if is_lost else known if count else "no place is known yet: first, a search"

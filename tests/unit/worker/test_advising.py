@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.filter.laser.sensor_model import computed_model
-from clustermcl.filter.settings import FilterSettings
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
 from clustermcl.jobs.advising import advice
 from clustermcl.link.node import Node
 from clustermcl.protocol.advice import Advice, AdviceQuestion
@@ -75,6 +75,8 @@ def test_without_a_second_place_a_note_has_the_reason() -> None:
 def test_from_a_probable_elsewhere_a_note_says_so() -> None:
     asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14), elsewhere_probability=0.8)
     assert "probably at another place" in answer_to(asked).note
+    later = replace(SETTINGS, belief=BeliefSettings(lost_probability=0.9))
+    assert advice(asked, SCAN, MODEL, later, "worker-0").note == ""
 
 
 def test_places_in_walls_have_no_common_way() -> None:
