@@ -68,13 +68,13 @@ def weigh(
     ledger.note("lifted or brought back", np.append(among + log_here, (log_there, log_off)))
     among, log_scan = update.among_clusters(among)
     ledger.note("scan", np.append(among + log_here, (log_there, log_off)))
-    cut_short, through = update.explained(among)
+    cut_short, through = update.corrections(among)
     log_scan += cut_short
     update.follow_fit(log_scan - through, float(among.max()) + log_here)
     odds = update.log_odds_of_here(among, decoy)
     misses = update.missed(among)
     if held.given is not None:
-        held.given = held.given.after(-misses, news)
+        held.given = held.given.after(misses, news)
     if held.on_map:
         odds = max(odds, 0.0)
     if elsewhere is not None and not math.isnan(elsewhere.log_likelihood):
@@ -202,14 +202,12 @@ class _Update:
         else:
             held.fit = replace(held.fit, shortfall=0.0)
 
-    def explained(self, among: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the correction of a scan's log-likelihood at the clusters by its beams [nat].
+    def corrections(self, among: NDArray[np.float64]) -> tuple[float, float]:
+        """Return by how much a scan's log-likelihood at the clusters is corrected [nat].
 
-        It is 0 if the robot cannot be off the map; the update is then exactly Bayes' rule.
-
-        Returns:
-            The gain of beams before obstacles, which people explain; and the loss of beams through
-            obstacles, if nothing explained them.
+        The gain is of beams before obstacles, which people explain; the loss is of beams through
+        obstacles, as if nothing explained them. Both are 0 if the robot cannot be off the map; the
+        update is then exactly Bayes' rule.
         """
         held = self._held
         if held.rules.off_map_probability == 0.0:

@@ -75,10 +75,10 @@ class Given(msgspec.Struct, frozen=True):
     """Whether a search has found nothing better: it is not doubted again, and if it still holds
     when it is established, nothing is tracked beside it."""
 
-    def after(self, log_odds: float, news: float) -> "Given":
-        """Return the test after a scan, whose new beams raise its log odds by this."""
+    def after(self, against: float, news: float) -> "Given":
+        """Return the test after a scan, whose new beams are so much evidence against the place."""
         is_tested = not (self.searched or self.is_established)
-        doubt = max(self.doubt - log_odds, 0.0) if is_tested else 0.0
+        doubt = max(self.doubt + against, 0.0) if is_tested else 0.0
         return Given(self.scans + news, doubt, self.searched)
 
     @property

@@ -46,12 +46,10 @@ def updated(
         likelihood of the points in that cluster". Eq. 17 has the prior twice: see docs/paper.md.
     """
     reported = ~np.isnan(log_average_likelihood)
-    if not np.any(reported):
-        return log_prior
     log_mass = np.logaddexp.reduce(log_prior[reported])
     fresh = log_prior[reported] + log_average_likelihood[reported]
     if not np.any(np.isfinite(fresh)):
-        return log_prior  # the scan is impossible everywhere, so it distinguishes no clusters
+        return log_prior  # no report, or a scan that is impossible everywhere, tells none apart
     posterior = log_prior.copy()
     posterior[reported] = normalised_logs(fresh) + log_mass
     return normalised_logs(posterior)

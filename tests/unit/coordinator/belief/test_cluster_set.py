@@ -370,21 +370,21 @@ def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
 
 
 def test_beams_against_a_given_place_add_up_to_doubt_until_it_is_established() -> None:
-    for_it = Given().after(5.0, 1.0)
+    for_it = Given().after(-5.0, 1.0)
     assert for_it == Given(1.0, 0.0), "what speaks for it is no credit"
-    doubted = for_it.after(-LARGE_FALL, 0.5)
+    doubted = for_it.after(LARGE_FALL, 0.5)
     assert doubted == Given(1.5, LARGE_FALL)
     assert not doubted.is_doubted
-    assert doubted.after(-0.01, 0.0).is_doubted
-    assert Given(ESTABLISHED - 0.1).after(-9.0, 1.0).is_doubted
-    assert Given(ESTABLISHED, 9.0).after(-9.0, 1.0) == Given(ESTABLISHED + 1.0, 0.0)
+    assert doubted.after(0.01, 0.0).is_doubted
+    assert Given(ESTABLISHED - 0.1).after(9.0, 1.0).is_doubted
+    assert Given(ESTABLISHED, 9.0).after(9.0, 1.0) == Given(ESTABLISHED + 1.0, 0.0)
 
 
 def test_a_given_place_is_tracked_alone_once_it_is_established_and_more_likely_than_not() -> None:
     made = first(0.6, 0.3)
     made.given = Given(ESTABLISHED - 0.1, searched=True)
     assert made.drop_improbable() == []
-    made.given = made.given.after(-9.0, 0.1)
+    made.given = made.given.after(9.0, 0.1)
     assert not made.given.is_doubted, "a search has answered the doubt"
     assert [ended.job_id for ended in made.drop_improbable()] == ["c1"]
     assert probabilities(made) == pytest.approx([0.6, 0.4])
