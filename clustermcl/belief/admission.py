@@ -82,7 +82,6 @@ def admission(
     clusters: ClusterSet,
     then: Mapping[str, PoseTuple],
     first_step: int,
-    search: SearchSettings,
     cause: BeganCause,
     *,
     is_over: bool = False,
@@ -98,11 +97,10 @@ def admission(
             it its weight.
         then: where they were at the step of the pool, by job.
         first_step: first step of the search.
-        search: distances within which places are the same.
         cause: why they become clusters.
         is_over: the search takes no further scans.
     """
-    rules = clusters.rules
+    rules, search = clusters.rules, clusters.settings.search
     held = [then[job_id] for job_id in clusters.job_ids]
     own = tuple(cluster for cluster in clusters.all() if cluster.born_step >= first_step)
     log_weight, most = clusters.log_elsewhere, math.inf

@@ -209,16 +209,16 @@ class _Update:
         obstacles, as if nothing explained them. Both are 0 if the robot cannot be off the map; the
         update is then exactly Bayes' rule.
         """
-        held = self._held
+        held, sensor = self._held, self._held.settings.sensor
         if held.rules.off_map_probability == 0.0:
             return 0.0, 0.0
         counts = np.array([_counts(r) if r else (0, 0, 0) for r in self._reports])
-        exponents = [scan_exponent(beams, held.sensor) for beams in counts[:, 0].tolist()]
+        exponents = [scan_exponent(beams, sensor) for beams in counts[:, 0].tolist()]
         beams, short, through = (np.exp(among) * exponents @ counts).tolist()
-        gain = short * short_beam_gain(held.short, held.sensor)
+        gain = short * short_beam_gain(held.short, sensor)
         if beams > 0.0:
             held.short += SHORT_LEARNED * self._news * (short / beams - held.short)
-        return gain, through * through_beam_loss(held.sensor)
+        return gain, through * through_beam_loss(sensor)
 
     def kidnapped(self) -> tuple[float, float, float]:
         """Return log probabilities of all clusters together, of elsewhere, and of off the map.

@@ -20,7 +20,7 @@ from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.gaussian import share_near_mean
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, UsualFit
 from clustermcl.filter.motion.noise import motion_covariance
-from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
 from clustermcl.protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from clustermcl.protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
 from clustermcl.protocol.work import ParticleCount, Place, TrackReport
@@ -98,9 +98,8 @@ to the belief, which sums to one before the place enters."""
 class ClusterSet(Part):
     """All clusters of one robot, in the order of their numbers."""
 
-    local: ClassVar = frozenset({"rules", "sensor"})
-    rules: BeliefSettings = BeliefSettings()
-    sensor: SensorSettings = SensorSettings()
+    local: ClassVar = frozenset({"settings"})
+    settings: FilterSettings = FilterSettings()
     clusters: Annotated[dict[Number, Cluster], FEW] = {}
     """By number, in the order in which they are summed."""
     next_cluster: Count = 0
@@ -123,6 +122,10 @@ class ClusterSet(Part):
 
     def __len__(self) -> int:
         return len(self.clusters)
+
+    @property
+    def rules(self) -> BeliefSettings:
+        return self.settings.belief
 
     @property
     def elsewhere(self) -> float:
@@ -187,12 +190,14 @@ class ClusterSet(Part):
         """Return the clusters, most probable first."""
         return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
-    def near(self, reach_m: float, reach_rad: float) -> belief.LogProbabilities:
-        """Return `log_probabilities`, but of being within this reach of each cluster's pose.
+    def near(self) -> belief.LogProbabilities:
+        """Return `log_probabilities`, but of being within the reach of a search of each pose.
 
-        Elsewhere has what the clouds have beyond it.
+        Elsewhere has what the clouds have beyond it. In the paper a place has no bound.
         """
-        shares = [share_near_mean(c.covariance, reach_m, reach_rad) for c in self.all()]
+        is_paper = self.rules.kidnapping_probability == 0.0
+        reach = (math.inf, math.inf) if is_paper else self.settings.search.reach
+        shares = [share_near_mean(cluster.covariance, *reach) for cluster in self.all()]
         each = list(zip(self.all(), shares, strict=True))
         beyond = (cluster.probability * (1.0 - share) for cluster, share in each)
         logs = [max(cluster.log_probability + log_of(share), LEAST_LOG) for cluster, share in each]
@@ -210,30 +215,27 @@ class ClusterSet(Part):
                     confirmed=True,
                 )
 
-    def carry(
-        self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
-    ) -> None:
-        """Move clusters without a report by odometry.
+    def carry(self, job_ids: Collection[str], before_from_after: Pose) -> None:
+        """Move clusters without a report by odometry, whose noise widens them.
 
         Args:
             job_ids: ids of the jobs that track these clusters.
             before_from_after: (3,) motion of the robot since the step before.
-            motion: noise of the odometry, which is added to the clusters' covariances.
         """
-        noise = motion_covariance(before_from_after, motion)
+        noise = motion_covariance(before_from_after, self.settings.motion)
         for cluster in self.all():
             if cluster.job_id in job_ids:
                 moved = moved_by(cluster.pose, cluster.covariance, before_from_after, noise)
                 self.change(cluster, pose=moved[0], covariance=moved[1])
 
-    def merge_overlaps(self, reach_m: float, reach_rad: float) -> list[Ended]:
-        """Join clusters within this reach: probabilities add, the most probable one stays."""
+    def merge_overlaps(self) -> list[Ended]:
+        """Join clusters in reach of each other: probabilities add, the most probable one stays."""
         ordered = self.by_probability()
         if len(ordered) < 2:
             return []
         ended = list[Ended]()
         means = np.array([cluster.pose for cluster in ordered])
-        into = merge_overlapping(means, reach_m, reach_rad)
+        into = merge_overlapping(means, *self.settings.search.reach)
         for index in np.unique(into):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
             total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])

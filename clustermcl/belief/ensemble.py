@@ -76,14 +76,13 @@ class Ensemble(Part, kw_only=True):
     def of(cls, settings: FilterSettings) -> "Ensemble":
         return cls(
             settings=settings,
-            clusters=ClusterSet(settings.belief, settings.sensor),
+            clusters=ClusterSet(settings),
             search=SearchCourse(settings),
             decoy=Decoy(SearchCourse(settings, mirrored=True)),
         )
 
     def use(self, settings: FilterSettings) -> None:
-        self.settings = settings
-        self.clusters.rules, self.clusters.sensor = settings.belief, settings.sensor
+        self.settings = self.clusters.settings = settings
         self.search.settings = self.decoy.search.settings = settings
 
     @property
@@ -149,7 +148,7 @@ class Ensemble(Part, kw_only=True):
                 news = new_share(before_from_after, self.settings.cluster)
         self.seen = seen
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
-        ledger = Ledger(self.clusters, self._reach)
+        ledger = Ledger(self.clusters)
         self.pieces = self.pieces.moved(self._motion(tracks, before_from_after))
         self.clusters.follow(tracks)
         if in_cabin:
@@ -157,7 +156,7 @@ class Ensemble(Part, kw_only=True):
         else:
             self._weigh(tracks, elsewhere, news, ledger)
         if scan is not None and scan.floors.links:
-            if entering := ride(self.clusters, scan, news, self.settings, in_cabin=in_cabin):
+            if entering := ride(self.clusters, scan, news, in_cabin=in_cabin):
                 self._admit(entering, step)
             ledger.note("lifts and stairs")
         least = self.settings.belief.localized_probability
@@ -165,15 +164,15 @@ class Ensemble(Part, kw_only=True):
         if scan is not None and scan.own_robot_found and not is_sure:
             return self.relocalize(step, "own robot found")
         if missing and before_from_after is not None:
-            self.clusters.carry(missing, before_from_after, self.settings.motion)
+            self.clusters.carry(missing, before_from_after)
         if observed is not None and len(self.clusters):
             self._admit_observed(observed, step)
             ledger.note("observed places")
         self.search.note_means(step, self.clusters.all())
-        self.events += self.clusters.merge_overlaps(*self.settings.search.reach)
+        self.events += self.clusters.merge_overlaps()
         self.events += self.clusters.drop_improbable()
         ledger.note("places merged or dropped")
-        review_particles(self.clusters, self.settings, step)
+        review_particles(self.clusters, step)
         self._follow_search(step, reports)
         ledger.note("found by the search")
         self._follow_decoy(step, reports)
@@ -285,8 +284,8 @@ class Ensemble(Part, kw_only=True):
         is_over = self.search.is_over(fresh, self.clusters)
         if len(self.clusters):
             then, first_step = self.search.means[fresh.step], self.search.first_step
-            held, rules = self.clusters, self.settings.search
-            found = admission(fresh, held, then, first_step, rules, "restart", is_over=is_over)
+            held = self.clusters
+            found = admission(fresh, held, then, first_step, "restart", is_over=is_over)
         else:
             found = first_admission(fresh, self.prior_pose, self.clusters)
             self.prior_pose = None if found.entering else self.prior_pose
@@ -305,10 +304,9 @@ class Ensemble(Part, kw_only=True):
 
     def _admit_observed(self, observed: FoundPlaces, step: int) -> None:
         """Admit places that an observation allows."""
-        held, rules = self.clusters, self.settings.search
-        pool = pool_of(step, [observed], np.ones(1), rules)
-        now = {cluster.job_id: cluster.pose for cluster in held.all()}
-        self._admit_found(admission(pool, held, now, step + 1, rules, "observed"), step)
+        pool = pool_of(step, [observed], np.ones(1), self.settings.search)
+        now = {cluster.job_id: cluster.pose for cluster in self.clusters.all()}
+        self._admit_found(admission(pool, self.clusters, now, step + 1, "observed"), step)
 
     def _admit_found(self, found: Admission, step: int) -> None:
         found.make_way(self.clusters)
@@ -320,7 +318,7 @@ class Ensemble(Part, kw_only=True):
         admitted, events = self.clusters.admit(candidates, step)
         self.events += events
         for (place, _), cluster in zip(candidates, admitted, strict=True):
-            particles = particles_of(cluster, self.clusters, self.settings)
+            particles = particles_of(cluster, self.clusters)
             self.clusters.change(cluster, particles=particles)
             self.begin[cluster.job_id] = TrackJob(
                 cluster=cluster.cluster, start=place.sample, exact=False, particles=particles
@@ -339,7 +337,7 @@ class Ensemble(Part, kw_only=True):
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
         self.begin = {}
-        *near, log_elsewhere, _ = self.clusters.near(*self._reach).tolist()
+        *near, log_elsewhere, _ = self.clusters.near().tolist()
         each = zip(self.clusters.all(), near, strict=True)
         tracked = [hypothesis_of(cluster, log_near, step) for cluster, log_near in each]
         tracked.sort(key=lambda place: (-place.log_probability, place.cluster))
@@ -371,13 +369,6 @@ class Ensemble(Part, kw_only=True):
             return "searching"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
-
-    @property
-    def _reach(self) -> tuple[float, float]:
-        """How far from its pose the robot is at a place [m], [rad]; without bound in the paper."""
-        if self.settings.belief.kidnapping_probability == 0.0:
-            return math.inf, math.inf
-        return self.settings.search.reach
 
     @property
     def _elsewhere(self) -> tuple[str, ...]:

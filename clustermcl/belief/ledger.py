@@ -21,14 +21,12 @@ _OUTSIDE = (-2, -1)
 class Ledger:
     """The log odds of all hypotheses after each cause of a change, from the first on."""
 
-    def __init__(
-        self, clusters: ClusterSet, reach: tuple[float, float] = (math.inf, math.inf)
-    ) -> None:
-        self._clusters, self._reach = clusters, reach
+    def __init__(self, clusters: ClusterSet) -> None:
+        self._clusters = clusters
         self._entries: list[tuple[str, dict[int, float]]] = []
         self._facts: dict[str, NDArray[np.float64] | float] = {}
         self._with_facts: tuple[int, ...] = ()
-        self.note("", clusters.near(*reach))
+        self.note("", clusters.near())
         self.note(_WIDTH)
 
     def note(self, cause: str, log_values: NDArray[np.float64] | None = None) -> None:
@@ -50,7 +48,7 @@ class Ledger:
 
     def why(self, numbers: Sequence[int]) -> Why:
         """Return all changes, in the order of these clusters: the hypotheses."""
-        self.note(_WIDTH, self._clusters.near(*self._reach))
+        self.note(_WIDTH, self._clusters.near())
         kept = (*numbers, *_OUTSIDE)
         changes: dict[str, list[float]] = {}
         for (_, before), (cause, after) in pairwise(self._entries):

@@ -9,7 +9,6 @@ from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import candidate
 from clustermcl.belief.overlaps import is_near
 from clustermcl.filter.random_streams import Purpose
-from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, Scan
 
@@ -40,22 +39,19 @@ def _returned(laser: Scan | LaserBeams) -> np.ndarray:
     return ranges[(ranges > 0.0) & (ranges < laser.range_max_m)]
 
 
-def ride(
-    held: ClusterSet, scan: Scan, news: float, settings: FilterSettings, *, in_cabin: bool
-) -> list[Candidate]:
+def ride(held: ClusterSet, scan: Scan, news: float, *, in_cabin: bool) -> list[Candidate]:
     """Move probability to the other ends of links, which the robot may have taken.
 
     Args:
         held: the clusters, which are changed.
         scan: the step's scan, with the links.
         news: share of the scan that is new.
-        settings: probability of a ride, and distances within which a cluster is at its end.
         in_cabin: all floors of the link are equally probable.
 
     Returns:
         Places at the ends where none is tracked, the most probable first.
     """
-    rules = settings.belief
+    settings, rules = held.settings, held.rules
     if rules.link_probability == 0.0:
         return []
     gains, ends = dict[int, float](), list[tuple[Cluster, PoseTuple, float]]()

@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from clustermcl.belief.cluster_set import Cluster, ClusterSet
-from clustermcl.filter.settings import FilterSettings
 
 SHARE_EVERY_STEPS = 20
 """Steps from one review of the clusters' numbers of particles to the next."""
@@ -17,13 +16,13 @@ NEARLY = 0.8
 """A cluster keeps its number of particles while its share is at least this much of it."""
 
 
-def particles_of(cluster: Cluster, clusters: ClusterSet, settings: FilterSettings) -> int:
+def particles_of(cluster: Cluster, clusters: ClusterSet) -> int:
     """Return the number of particles of a cluster: the maximum, a half of it, a quarter ...
 
     The number follows from its probability among the clusters. It stays if it is nearly right,
     because each change is an order to a worker.
     """
-    shared, rules = settings.belief.particles, settings.cluster
+    shared, rules = clusters.rules.particles, clusters.settings.cluster
     if shared == 0:
         return rules.particles
     log_all = np.logaddexp.reduce([one.log_probability for one in clusters.all()])
@@ -35,12 +34,12 @@ def particles_of(cluster: Cluster, clusters: ClusterSet, settings: FilterSetting
     return max(round(rules.particles * 0.5 ** math.ceil(math.log2(rules.particles / wanted))), 1)
 
 
-def review_particles(clusters: ClusterSet, settings: FilterSettings, step: int) -> None:
+def review_particles(clusters: ClusterSet, step: int) -> None:
     """Change the number of particles of clusters whose probability has changed, now and then."""
     if step % SHARE_EVERY_STEPS:
         return
     for cluster in clusters.all():
-        particles = particles_of(cluster, clusters, settings)
+        particles = particles_of(cluster, clusters)
         if particles != cluster.particles:
             first_step = step + SHARE_AFTER_STEPS
             clusters.change(cluster, particles=particles, particles_from=first_step)

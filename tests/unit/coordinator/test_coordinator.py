@@ -531,7 +531,7 @@ def goes_by(story: Story) -> tuple[float, float, float, float]:
     return (
         state.ensemble.settings.motion.turn_noise_per_turn,
         since.motion.turn_noise_per_turn,
-        state.ensemble.clusters.sensor.hit_weight,
+        state.ensemble.clusters.settings.sensor.hit_weight,
         since.bridge.gate_distance_m,
     )
 

@@ -62,8 +62,8 @@ def test_a_closed_cabin_is_seen_where_there_is_one(
 
 def test_the_other_ends_get_the_hazard_and_probability_is_kept() -> None:
     held = held_at(on("ground"), on("first"), on("second", IN_CORRIDOR))
-    settings = FilterSettings(belief=BeliefSettings(link_probability=0.2))
-    ends = [place for place, _ in ride(held, scan(1.0), 0.5, settings, in_cabin=False)]
+    held.settings = FilterSettings(belief=BeliefSettings(link_probability=0.2))
+    ends = [place for place, _ in ride(held, scan(1.0), 0.5, in_cabin=False)]
     assert [(FLOORS.on_floor(end.pose)[0], end.share) for end in ends] == [
         ("second", pytest.approx(1 / 60)), ("second", pytest.approx(1 / 60))
     ]  # fmt: skip
@@ -75,7 +75,7 @@ def test_the_other_ends_get_the_hazard_and_probability_is_kept() -> None:
 def test_behind_closed_doors_all_floors_are_equally_probable() -> None:
     held = held_at(on("ground"), on("first"), on("second"))
     held.move({0: 0.6, 1: -0.3, 2: -0.3})
-    assert ride(held, scan(1.0), 1.0, FilterSettings(), in_cabin=True) == []
+    assert ride(held, scan(1.0), 1.0, in_cabin=True) == []
     assert [each.probability for each in held.all()] == pytest.approx([1 / 3] * 3)
 
 

@@ -35,6 +35,10 @@ NEARBY = (0.7, 0.0, 0.0)
 NO_EVIDENCE = -math.inf
 
 
+def with_belief(**belief: object) -> FilterSettings:
+    return replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
+
+
 def pool(*found: tuple[float, PoseTuple]) -> Pool:
     return pool_of(*found, step=7)
 
@@ -49,16 +53,15 @@ def admitted(
     **belief: object,
 ) -> Admission:
     """Next to a cluster at `HELD`, which began at step 1, and older ones far away."""
-    rules = replace(SETTINGS.belief, max_clusters=len(room), **belief)
-    clusters = ClusterSet(rules, log_elsewhere=log_weight, log_off_map=-math.inf)
+    settings = with_belief(max_clusters=len(room), **belief)
+    clusters = ClusterSet(settings, log_elsewhere=log_weight, log_off_map=-math.inf)
     then = {}
     for number, probability in enumerate(probability for probability in room if probability > 0.0):
         pose = (-100.0 * number, 0.0, 0.0)
         born, spread = 1 if number == 0 else 0, covariance_tuple(np.eye(3))
         cluster = Cluster(number, math.log(probability), born, pose, spread)
         clusters.clusters[number], then[cluster.job_id] = cluster, pose
-    search = SETTINGS.search
-    return admission(found, clusters, then, first_step, search, "restart", is_over=is_over)
+    return admission(found, clusters, then, first_step, "restart", is_over=is_over)
 
 
 def own(found: Pool, probability: float, *, is_over: bool = False) -> Admission:
@@ -162,13 +165,13 @@ def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
 
 def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> None:
     """The search's place has 0.3 of the belief, and one found later 3/4 of its share."""
-    clusters = ClusterSet(SETTINGS.belief, next_cluster=2)
+    clusters = ClusterSet(SETTINGS, next_cluster=2)
     for number, (probability, pose) in enumerate(((0.7, LEAST), (0.3, HELD[0]))):
         spread = covariance_tuple(np.eye(3))
         clusters.clusters[number] = Cluster(number, math.log(probability), number, pose, spread)
     then = {cluster.job_id: cluster.pose for cluster in clusters.all()}
     found = pool((0.4, HELD[0]), (0.3, FAR))
-    came = admission(found, clusters, then, 1, SETTINGS.search, "restart")
+    came = admission(found, clusters, then, 1, "restart")
     came.make_way(clusters)
     clusters.admit(came.entering, 6)
     after = [cluster.probability for cluster in clusters.all()]
@@ -179,8 +182,7 @@ def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> No
 
 
 def first_shares(found: Pool, **belief: object) -> list[float]:
-    rules = replace(SETTINGS.belief, **belief)
-    clusters = ClusterSet(rules, log_elsewhere=0.0, log_off_map=-math.inf)
+    clusters = ClusterSet(with_belief(**belief), log_elsewhere=0.0, log_off_map=-math.inf)
     return [place.share for place, _ in first_admission(found, None, clusters).entering]
 
 

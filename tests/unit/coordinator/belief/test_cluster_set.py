@@ -19,7 +19,7 @@ from clustermcl.belief.cluster_set import (
 )
 from clustermcl.belief.familiarity import CHANCE, Familiarity
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, scan_exponent, through_beam_loss
-from clustermcl.filter.settings import SearchSettings, SensorSettings
+from clustermcl.filter.settings import FilterSettings, SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import TrackReport
@@ -28,14 +28,13 @@ from clustermcl.runtime.settings_file import with_setting
 from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
-REACH = SearchSettings().reach
 PLACES: tuple[PoseTuple, ...] = (NORTH, SOUTH, EAST)
 
 
 def first(*shares: float, **belief: object) -> ClusterSet:
     """Clusters with these probabilities; the rest is elsewhere."""
     rules = literal_bayes(**{"kidnapping_probability": 0.01, **belief})
-    made = ClusterSet(rules, SensorSettings())
+    made = ClusterSet(FilterSettings(belief=rules))
     made.take_from_elsewhere(min(math.fsum(shares), 1.0))
     made.admit([(place(s, PLACES[i % 3], 0), "first search") for i, s in enumerate(shares)], 0)
     return made
@@ -58,7 +57,8 @@ def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> Non
     settings = Settings()
     for name, value in re.findall(r"`(\w+) = (\S+)`", named[1]):
         settings = with_setting(settings, f"belief.{name}", float(value), "the page")
-    made = ClusterSet(replace(settings.belief, least_probability=0.0), SensorSettings())
+    rules = replace(settings.belief, least_probability=0.0)
+    made = ClusterSet(FilterSettings(belief=rules))
     made.take_from_elsewhere(1.0)
     made.admit([(place(s, PLACES[i], 0), "first search") for i, s in enumerate((0.6, 0.4))], 0)
     weigh(made, reports_of(0.01, 0.4))
@@ -66,7 +66,7 @@ def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> Non
 
 
 def test_before_the_first_place_the_robot_is_elsewhere() -> None:
-    made = ClusterSet(literal_bayes(), SensorSettings())
+    made = ClusterSet(FilterSettings(belief=literal_bayes()))
     assert probabilities(made) == [1.0]
     weigh(made, {}, elsewhere(1, -3.0))
     assert probabilities(made) == [1.0]
@@ -353,7 +353,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             case "drop":
                 made.drop_improbable()
             case "merge":
-                made.merge_overlaps(*REACH)
+                made.merge_overlaps()
             case "clear":
                 made.clear("forgotten")
         assert math.fsum(probabilities(made)) == pytest.approx(1.0, abs=1e-9)
@@ -365,7 +365,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
 def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
     made = first(0.3, 0.5)
     made.clusters[1] = replace(made.clusters[1], pose=(0.1, 5.0, 0.0))
-    assert made.merge_overlaps(*REACH) == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
+    assert made.merge_overlaps() == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
     assert probabilities(made) == pytest.approx([0.8, 0.2])
 
 

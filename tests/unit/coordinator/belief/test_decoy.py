@@ -9,10 +9,8 @@ from clustermcl.belief.decoy import DECOYS, PATIENCE, SCANS, Decoy
 from clustermcl.belief.explained import NO_PLACE
 from clustermcl.belief.search_course import SearchCourse
 from clustermcl.filter.settings import (
-    BeliefSettings,
     FilterSettings,
     SearchSettings,
-    SensorSettings,
 )
 from clustermcl.protocol.work import SearchReport, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, searched, tracked
@@ -89,7 +87,7 @@ def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> No
 
 
 def clusters(off_map: float) -> ClusterSet:
-    made = ClusterSet(BeliefSettings(), SensorSettings())
+    made = ClusterSet()
     here = Cluster(0, math.log(1.0 - off_map), 0, (0.0, 0.0, 0.0), NO_SPREAD)
     made.clusters, made.next_cluster = {0: here}, 1
     made.log_elsewhere, made.log_off_map = -math.inf, math.log(off_map)

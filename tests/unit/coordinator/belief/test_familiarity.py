@@ -5,7 +5,7 @@ import pytest
 
 from clustermcl.belief.cluster_set import ClusterSet
 from clustermcl.belief.familiarity import BEST, CORRELATED, FIRST, MOST, USUAL, Familiarity, Learned
-from clustermcl.filter.settings import BeliefSettings
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
 
 
 def after(share: float, pieces: int) -> Familiarity:
@@ -16,7 +16,8 @@ def after(share: float, pieces: int) -> Familiarity:
 
 
 def of_a_piece(found: Familiarity, least: float = 0.7) -> float:
-    return ClusterSet(BeliefSettings(piece_evidence=least), learned=Learned(found)).piece_evidence
+    settings = FilterSettings(belief=BeliefSettings(piece_evidence=least))
+    return ClusterSet(settings, learned=Learned(found)).piece_evidence
 
 
 def test_a_piece_is_worth_more_where_the_map_has_explained_more() -> None:

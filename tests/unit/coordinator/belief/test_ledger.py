@@ -100,14 +100,14 @@ def test_facts_belong_to_their_clusters(run: list[Outcome]) -> None:
 
 
 def test_an_unknown_cause_is_no_cause() -> None:
-    clusters = ClusterSet(BeliefSettings())
+    clusters = ClusterSet()
     ledger = Ledger(clusters)
     ledger.note("nothing")
     assert ledger.why(()).changes == {}
 
 
 def test_facts_are_in_the_order_of_the_hypotheses_and_0_where_they_are_unknown() -> None:
-    clusters, candidate = ClusterSet(BeliefSettings()), place(0.5, (0.0, 0.0, 0.0), 0)
+    clusters, candidate = ClusterSet(), place(0.5, (0.0, 0.0, 0.0), 0)
     clusters.admit([(candidate, "restart"), (candidate, "restart")], 0)
     ledger = Ledger(clusters)
     ledger.note_facts(fit=np.array([-1.25, math.nan]), counted=np.array([2.0, 9e9]), new_pieces=2.5)
@@ -119,7 +119,7 @@ def test_facts_are_in_the_order_of_the_hypotheses_and_0_where_they_are_unknown()
 
 
 def test_a_part_of_an_update_is_noted_with_the_odds_of_all_hypotheses() -> None:
-    clusters, candidate = ClusterSet(BeliefSettings()), place(0.5, (0.0, 0.0, 0.0), 0)
+    clusters, candidate = ClusterSet(), place(0.5, (0.0, 0.0, 0.0), 0)
     clusters.admit([(candidate, "restart"), (candidate, "restart")], 0)
     ledger, before = Ledger(clusters), log_odds(clusters.log_probabilities().tolist())
     logs = np.log([0.5 / 3, 1.0 / 3, 0.3, 0.2])

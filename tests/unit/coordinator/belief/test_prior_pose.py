@@ -20,7 +20,7 @@ OFFER = place(0.1, (5.0, 5.0, 0.0), 4)
 
 
 def with_prior_pose(found: Pool) -> Sequence[Candidate]:
-    return first_admission(found, OFFER, ClusterSet(RULES.belief)).entering
+    return first_admission(found, OFFER, ClusterSet(RULES)).entering
 
 
 def shares(candidates: Sequence[Candidate]) -> list[float]:
