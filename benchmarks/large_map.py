@@ -10,29 +10,21 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import yaml
-from PIL import Image
 
 from benchmarks.memory import measured
 from clustermcl.filter.arrays import UNKNOWN
 from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.simulator.worlds.office import office
 
 
-def site_plan(building: GridMap, side: int, folder: Path) -> Path:
+def site_plan(building: GridMap, side: int) -> GridMap:
     """A square map of `side` x `side` cells; everything around the building is unknown."""
     cells = np.full((side, side), UNKNOWN, np.int8)
     rows, cols = building.cells.shape
     low, left = (side - rows) // 3, (side - cols) // 3
     cells[low : low + rows, left : left + cols] = building.cells
-    grey = np.array([254, 0, 205], np.uint8)[cells]  # free, occupied, and -1 is the last
-    Image.fromarray(grey[::-1]).save(folder / "map.png")
-    description = {
-        "image": "map.png", "resolution": building.cell_m, "origin": [0.0, 0.0, 0.0],
-        "negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196,
-    }  # fmt: skip
-    (folder / "map.yaml").write_text(yaml.safe_dump(description))
-    return folder / "map.yaml"
+    return GridMap(cells, building.cell_m, (0.0, 0.0, 0.0))
 
 
 def main() -> None:
@@ -44,7 +36,8 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         building = office(options.wings, options.rooms).map
-        map_file = site_plan(building, options.side, Path(name))
+        map_file = Path(name, "map.yaml")
+        save_ros_map(site_plan(building, options.side), map_file)
         settings = [f"bridge.source=sim:{map_file}", f"worker.cache_folder={name}/cache"]
         settings.append(f"recorder.folder={name}/recorder")
         for which in ("first time", "with what is kept on disk"):

@@ -165,7 +165,7 @@ def run_stack(
         ]
         words = [word for setting in assignments for word in ("--set", setting)]
         near = [*limit, sys.executable, "-I", "-m", "clustermcl", "up", *options, *words]
-        far = [*over_there, sys.executable, "-I", "-m", "worker", *words]
+        far = [*over_there, sys.executable, "-I", "-m", "clustermcl.worker", *words]
         far += ["--name", "far", "--count", str(far_workers)]
         for command in (near, far) if far_workers else (near,):
             started.enter_context(_ended(subprocess.Popen(command, stdin=subprocess.DEVNULL)))

@@ -18,12 +18,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import psutil
-import yaml
-from PIL import Image
 
 from clustermcl.client import Client
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.settings import Settings
 from clustermcl.simulator.worlds.catalogue import world
 
@@ -36,20 +35,6 @@ def offices(side: int) -> GridMap:
     rows, cols = whole.cells.shape
     cells = np.tile(whole.cells, (side // rows + 1, side // cols + 1))[:side, :side]
     return GridMap(np.ascontiguousarray(cells), whole.cell_m, (0.0, 0.0, 0.0))
-
-
-def office_map(side: int, folder: Path) -> Path:
-    """The same as a file."""
-    whole = offices(side)
-    cells = whole.cells
-    grey = np.where(cells == 0, 254, np.where(cells == 1, 0, 205)).astype(np.uint8)
-    Image.fromarray(grey[::-1]).save(folder / "map.png")
-    description = {
-        "image": "map.png", "resolution": whole.cell_m, "origin": [0.0, 0.0, 0.0],
-        "negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196,
-    }  # fmt: skip
-    (folder / "map.yaml").write_text(yaml.safe_dump(description))
-    return folder / "map.yaml"
 
 
 def proportional_mb(process: psutil.Process) -> float:
@@ -123,7 +108,9 @@ def main() -> None:
     options = parser.parse_args()
     sums = []
     with tempfile.TemporaryDirectory() as folder:
-        map_file = options.map or office_map(options.side, Path(folder))
+        map_file = options.map or Path(folder, "map.yaml")
+        if not options.map:
+            save_ros_map(offices(options.side), map_file)
         for workers in options.workers:
             settings = [f"bridge.source=sim:{map_file}", f"worker.count={workers}", *options.set]
             settings.append(f"worker.cache_folder={folder}/cache")
