@@ -29,8 +29,9 @@ ESTABLISHED = 15.0
 """New scans after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
 LIFTED = 16.0
-"""The fit where a person gave a place falls by so much at once if the robot is lifted: where the
-building has changed, it falls from scan to scan [nat]."""
+"""Shortfall of the fit above which a robot whose place a person gave was probably lifted. It is
+larger than `LARGE_FALL` because the fit also falls, scan by scan, where the building has changed
+[nat]."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -76,7 +77,12 @@ class Given(msgspec.Struct, frozen=True):
     when it is established, nothing is tracked beside it."""
 
     def after(self, against: float, news: float) -> "Given":
-        """Return the test after a scan, whose new beams are so much evidence against the place."""
+        """Return the test after a scan.
+
+        Args:
+            against: evidence of its new beams against the place [nat].
+            news: share of the scan that is new.
+        """
         is_tested = not (self.searched or self.is_established)
         doubt = max(self.doubt + against, 0.0) if is_tested else 0.0
         return Given(self.scans + news, doubt, self.searched)

@@ -49,7 +49,7 @@ def updated(
     log_mass = np.logaddexp.reduce(log_prior[reported])
     fresh = log_prior[reported] + log_average_likelihood[reported]
     if not np.any(np.isfinite(fresh)):
-        return log_prior  # no report, or a scan that is impossible everywhere, tells none apart
+        return log_prior  # no report, or a scan that is impossible everywhere: no evidence
     posterior = log_prior.copy()
     posterior[reported] = normalised_logs(fresh) + log_mass
     return normalised_logs(posterior)

@@ -83,8 +83,8 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     shards: Annotated[int, Meta(gt=0, le=64)] = 4
     """Independent parts of a search, whatever the number of workers."""
     max_steps: PositiveInt = 60
-    """A search ends at the latest after; with four times as many, where more is possible than fits
-    into the clusters [steps]."""
+    """Length of a search, at most; four times as much while it has more places than clusters can
+    track [steps]."""
     converged_mass: Annotated[float, Meta(gt=0, le=1)] = 0.98
     """A search ends when its best places hold this share."""
     source_radius_m: Positive = 1.0

@@ -128,8 +128,8 @@ def _most_probable(expected: ParticleSet, log_likelihood: LogWeights) -> int:
 def new_share(before_from_after: Pose, settings: ClusterSettings) -> float:
     """Return the share of a scan that is new, after a motion (3,): a standing robot learns nothing.
 
-    It counts so much for the pose within a cluster, where motion has blurred what earlier scans
-    told, and for the robot being at no cluster.
+    By this share it counts for the pose within a cluster, because motion has made the pose less
+    certain since the last scan, and for the question whether the robot is at any cluster.
     """
     if settings.view_distance_m == 0.0:
         return 1.0
