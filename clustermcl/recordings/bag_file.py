@@ -4,19 +4,14 @@ The library `rosbags` (extra ``ros2``) parses the files. The types read here hav
 in all ROS releases, so the library's definitions are used, and those in the bag are ignored.
 """
 
-import bz2
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, BinaryIO
-
-import zstandard
+from typing import TYPE_CHECKING, Any
 
 from clustermcl.protocol.errors import InputFileError
-from clustermcl.recordings.bag_chunks import unpacked
 from clustermcl.recordings.log_file import SkippedLine
 from clustermcl.runtime.compressed import most_unpacked, os_problem
 
@@ -37,8 +32,6 @@ _MAGIC_BYTES = 16
 _METADATA = "metadata.yaml"
 _FREE_BYTES = 2**26
 """The requested messages of a bag may have these bytes whatever its ratio."""
-_FREE_CHUNK_BYTES = 2**28
-"""All that is unpacked may have these bytes whatever its ratio: one `OccupancyGrid`."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +66,6 @@ class BagFile:
         self._path, self._error = path, error
         self.left_out: list[SkippedLine] = []
         self._reader = self._opened()
-        self.close = self._reader.close
         self._connections = [one for one in self._reader.connections if one.msgcount]
         self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in self._connections}
 
@@ -121,20 +113,25 @@ class BagFile:
         self.left_out.append(SkippedLine(number, f"{problem} ({_problem_of(broken)})"))
 
     def _opened(self) -> "rosbag1.Reader | rosbag2.Reader":
-        try:
-            from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - an extra, and 0.2 s
+        try:  # an extra, and 0.2 s
+            from rosbags import rosbag1, rosbag2  # noqa: PLC0415
+
+            from clustermcl.recordings.bag_limits import limited  # noqa: PLC0415
         except ImportError as missing:
             problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
             raise self._error(self._path, problem) from missing
         try:
             path = self._readable()
             self._size = sum(one.stat().st_size for one in _storage_files(path) or [path])
-            _Unpacker(self._size).replace_library_s()
             ros1 = _suffix_of(path) == ".bag"
             store = definitions(ros1=ros1)
             self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
             reader = rosbag1.Reader(path) if ros1 else rosbag2.Reader(path)
-            reader.open()
+            with ExitStack() as opened:
+                opened.enter_context(limited(path, self._error, self._size))
+                reader.open()
+                opened.callback(reader.close)
+                self.close = opened.pop_all().close
         except InputFileError:
             raise
         except OSError as failed:
@@ -182,56 +179,6 @@ def definitions(*, ros1: bool) -> "Typestore":
 
 def _type_of(connection: "Connection") -> str:
     return _RENAMED.get(connection.msgtype, connection.msgtype)
-
-
-class _Unpacker:
-    """Unpacks chunks, messages and files of a bag within limits, which the library has not."""
-
-    def __init__(self, packed_bytes: int) -> None:
-        self._left = most_unpacked(packed_bytes, _FREE_CHUNK_BYTES)
-
-    def replace_library_s(self) -> None:
-        """Have the library unpack the next bag by this."""
-        from lz4.frame import (  # type: ignore[import-untyped] # noqa: PLC0415 - an extra
-            LZ4FrameDecompressor,
-        )
-        from rosbags.rosbag1 import reader as ros1  # noqa: PLC0415
-        from rosbags.rosbag2 import reader, storage_mcap  # noqa: PLC0415
-
-        by_bz2, by_lz4 = (
-            partial(self._by_object, kind) for kind in (bz2.BZ2Decompressor, LZ4FrameDecompressor)
-        )
-        ros1.decompressors = ros1.decompressors | {"bz2": by_bz2, "lz4": by_lz4}
-        storage_mcap.DECOMPRESSORS = storage_mcap.DECOMPRESSORS | {
-            "lz4": lambda packed, _: by_lz4(packed),
-            "zstd": lambda packed, _: self._by_zstd(packed),
-        }
-        vars(reader)["zstd"] = SimpleNamespace(decompress=self._by_zstd, open=self._opened)
-
-    def _by_zstd(self, packed: bytes) -> bytes:
-        return self._counted(unpacked("zstd", packed, self._most))
-
-    def _by_object(self, kind: Any, packed: bytes) -> bytes:
-        unpacker = kind()
-        content: bytes = unpacker.decompress(packed, self._most + 1)
-        if not unpacker.eof and len(content) <= self._most:
-            raise EOFError("a chunk is cut off")
-        return self._counted(content)
-
-    @contextmanager
-    def _opened(self, file: BinaryIO, _mode: str) -> "Iterator[SimpleNamespace]":
-        with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True) as stream:
-            yield SimpleNamespace(read=lambda count: self._counted(stream.read(count)))
-
-    @property
-    def _most(self) -> int:
-        return min(self._left, _FREE_CHUNK_BYTES)
-
-    def _counted(self, content: bytes) -> bytes:
-        if len(content) > self._most:
-            raise ValueError("it unpacks to far more than its size")
-        self._left -= len(content)
-        return content
 
 
 def _storage_files(path: Path) -> list[Path]:

@@ -21,7 +21,8 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
             mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise _AliasError(problem_mark=mark)
+            problem = "YAML aliases (*) are not read: write the value out"
+            raise _AliasError(problem=problem, problem_mark=mark)
         return super().compose_node(parent, index)
 
 
@@ -42,12 +43,9 @@ def yaml_of(content: bytes, path: Path, error: type[InputFileError]) -> tuple[An
         keys = node.value if isinstance(node, yaml.MappingNode) else ()
         lines = {str(key.value): key.start_mark.line + 1 for key, _ in keys}
         return (None if node is None else loader.construct_document(node)), lines
-    except yaml.MarkedYAMLError as broken:
-        line = broken.problem_mark.line + 1 if broken.problem_mark else None
-        problem = f"not YAML: {broken.problem}"
-        if isinstance(broken, _AliasError):
-            problem = "YAML aliases (*) are not read: write the value out"
-        raise error(path, problem, line=line) from broken
-    except (yaml.YAMLError, ValueError, RecursionError) as broken:
-        problem = " ".join(str(broken).split())
-        raise error(path, f"not YAML: {problem}") from broken
+    except Exception as broken:  # of a tagged or endless number the library raises anything
+        mark = getattr(broken, "problem_mark", None)
+        problem = getattr(broken, "problem", None) or " ".join(str(broken).split())
+        if not isinstance(broken, _AliasError):
+            problem = f"not YAML: {problem}"
+        raise error(path, problem, line=mark.line + 1 if mark else None) from broken

@@ -1,12 +1,16 @@
 import math
 import shutil
+import sqlite3
+import struct
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import reader as library
 from scipy.spatial.transform import Rotation
 
 from clustermcl.protocol.errors import RecordingError
@@ -317,3 +321,51 @@ def test_a_damaged_bag_is_read_or_refused_in_one_line(tmp_path: Path, form: str)
         path.write_bytes(content.tobytes())
         outcome = read_or_refused(path)
         assert isinstance(outcome, Recording) or "\n" not in outcome
+
+
+def _length(content: bytes, at: int, form: str) -> int:
+    return int(struct.unpack_from(form, content, at)[0]) + struct.calcsize(form)
+
+
+def with_repeated_index(content: bytes, times: int) -> bytes:
+    """A bag whose index names each of its chunks several times."""
+    if content.startswith(b"#ROSBAG"):
+        at = content.index(b"index_pos=") + 10
+        at, count_at = _length(content, at, "<Q") - 8, content.index(b"chunk_count=") + 12
+        for _ in range(2):  # the connection's record
+            at += _length(content, at, "<I")
+        head = content[:count_at] + struct.pack("<I", times) + content[count_at + 4 : at]
+        return head + content[at:] * times
+    at = _length(content, len(content) - 28, "<Q") - 8
+    parts = [content[:at]]
+    while content[at] != 2:  # the footer
+        end = at + 1 + _length(content, at + 1, "<Q")
+        parts.append(content[at:end] * (times if content[at] == 8 else 1))
+        at = end
+    return b"".join(parts) + content[at:]
+
+
+@pytest.mark.parametrize("form", ["ros1", "mcap bare"])
+def test_chunks_that_lie_one_over_the_other_are_refused(tmp_path: Path, form: str) -> None:
+    path = written(tmp_path, form, [scan(second) for second in range(1, 301)])
+    path.write_bytes(with_repeated_index(path.read_bytes(), 300))
+    assert "parts of it lie one over the other" in str(read_or_refused(path))
+
+
+@pytest.mark.parametrize(
+    "part", ["COLUMN x AS (zeroblob(9))", f"COLUMN x DEFAULT '{100 * '.'}'", "VIEW x AS SELECT 1"]
+)
+def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, part: str) -> None:
+    path = written(tmp_path, "sqlite3 bare", drive())
+    with closing(sqlite3.connect(path)) as database:
+        database.execute(f"{'CREATE' if part[0] == 'V' else 'ALTER TABLE messages ADD'} {part}")
+    assert "it has views, or columns that are computed" in str(read_or_refused(path))
+
+
+@pytest.mark.parametrize("more", ["x: &a [*a]", "x: " + 2**19 * "."])
+def test_metadata_are_read_within_limits(tmp_path: Path, more: str) -> None:
+    path = written(tmp_path, "mcap", drive())
+    with (path / "metadata.yaml").open("a") as metadata:
+        metadata.write(more)
+    assert "YAML" in str(read_or_refused(path))
+    assert vars(library)["YAML"].__module__.startswith("ruamel"), "other programs read as before"
