@@ -181,7 +181,7 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
     rows, cols = (np.flatnonzero(cells.max(axis=axis) > UNKNOWN) for axis in (1, 0))
     if not len(rows) or not cell_m > 0.0:
         return GridMap(cells, cell_m, map_from_grid)  # raises the error
-    rim = ceil(RIM_M / cell_m)
+    rim = ceil(min(RIM_M / cell_m, cells.size))
     row, col = max(int(rows[0]) - rim, 0), max(int(cols[0]) - rim, 0)
     part = cells[row : int(rows[-1]) + 1 + rim, col : int(cols[-1]) + 1 + rim]
     x, y, _ = compose(np.array(map_from_grid), np.array([col * cell_m, row * cell_m, 0.0]))

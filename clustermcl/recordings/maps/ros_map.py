@@ -24,7 +24,7 @@ from PIL import Image, UnidentifiedImageError
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import MapFileError, printable
-from clustermcl.protocol.message import Finite, PoseTuple
+from clustermcl.protocol.message import Coordinate, PoseTuple
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
 from clustermcl.runtime.compressed import read_decompressed
 from clustermcl.runtime.output_files import write_output_file
@@ -35,6 +35,7 @@ _KEY = re.compile(r"`\$\.(\w+)")
 _STRIP_ROWS = 512
 _SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 _UNKNOWN_GREY, _MIN_GREY_SHARE = 205, 0.02
+_FORMATS = ("PPM", "PNG", "BMP", "JPEG", "GIF")  # to read EPS, Pillow would start Ghostscript
 _IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
 _BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, OverflowError)
 
@@ -45,7 +46,7 @@ class _Header(msgspec.Struct, frozen=True):
     image: Annotated[str, msgspec.Meta(min_length=1)]
     resolution: Annotated[float, msgspec.Meta(gt=0.0, lt=100.0)]
     """Side of a cell [m]."""
-    origin: tuple[Finite, Finite, float]
+    origin: tuple[Coordinate, Coordinate, float]
     """Pose of the image's lower left corner in the map frame."""
     negate: bool
     occupied_thresh: _Probability
@@ -144,7 +145,7 @@ def _open(content: bytes, path: Path) -> Image.Image:
     pillow_limit = Image.MAX_IMAGE_PIXELS
     Image.MAX_IMAGE_PIXELS = None  # ours is checked below; suppress the warning of Pillow
     try:
-        image = Image.open(io.BytesIO(content))
+        image = Image.open(io.BytesIO(content), formats=_FORMATS)
     except UnidentifiedImageError as error:
         raise MapFileError(path, "not an image that can be read; use PGM or PNG") from error
     except _BROKEN_IMAGE as error:

@@ -54,6 +54,7 @@ def test_the_rim_ends_at_the_edge_of_the_map_and_a_small_map_is_not_cropped() ->
     part = known_part(cells, CELL_M, (1.0, 2.0, 0.0))
     assert part.cells.shape == (3 + 1 + RIM, 300)
     assert part.map_from_grid == (1.0, 2.0, 0.0)
+    assert known_part(cells, 1e-320, (0.0, 0.0, 0.0)).cells.shape == cells.shape
     with pytest.raises(ValueError, match="no cell is free"):
         known_part(np.full((200, 300), UNKNOWN, np.int8), CELL_M, (0.0, 0.0, 0.0))
     small = building_in(1000, 1200)[290:330, 480:580]
