@@ -20,13 +20,7 @@ still up to 30."""
 MAX_TEXT_BYTES = 2**24
 """A text may have these bytes whatever its ratio."""
 
-BROKEN_STREAM_ERRORS = (
-    EOFError,
-    zlib.error,
-    lzma.LZMAError,
-    gzip.BadGzipFile,
-    zstandard.ZstdError,
-)
+BROKEN_STREAM_ERRORS = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile, zstandard.ZstdError)
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _OPENERS: dict[bytes, Callable[[Path, Literal["rb"]], object]] = {

@@ -12,7 +12,7 @@ import msgspec
 
 from clustermcl.link.inbox import Inbox
 from clustermcl.protocol.answers import Belief, PoseAnswer
-from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.errors import RecordingError, escaped
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.reading_checks import MAX_LASERS
@@ -46,11 +46,7 @@ _POLL_S = 0.1
 _log = logging.getLogger(__name__)
 
 
-def view_recording(
-    recording: Path,
-    address: Address,
-    save_file: Path | None = None,
-) -> None:
+def view_recording(recording: Path, address: Address, save_file: Path | None = None) -> None:
     """Serve the page of a recorded run until Ctrl-C, or save it: a page, or ``.rrd`` for Rerun."""
     stop = stop_on_signals()
     if not recording.exists():
@@ -80,7 +76,7 @@ class RecordedRun:
 
     def __init__(self, path: Path, into: RerunLog | None = None) -> None:
         about: dict[str, Any] = {
-            "router": "", "commands": False, "robot": path.resolve().stem,
+            "router": "", "commands": False, "robot": escaped(path.resolve().stem),
             "kept_steps": KEPT_STEPS,
         }  # fmt: skip
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))

@@ -35,7 +35,7 @@ def read(run: RecordedRun) -> RecordedRun:
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of a robot with two lasers; odometry lies between a step and its belief."""
-    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    path = tmp_path_factory.mktemp("log") / "run\udcff.mcap"  # its name is not UTF-8
     write_run(path)
     return path
 
@@ -58,7 +58,7 @@ def past(run: RecordedRun, step: int) -> dict[str, Any]:
 def test_all_steps_are_shown_on_the_recorded_map(file: Path) -> None:
     shown = read(RecordedRun(file)).picture.everything()
     assert shown["system"]["link"] == "finished"
-    assert shown["system"]["robot"] == "run"
+    assert shown["system"]["robot"] == "run\\udcff"
     assert not shown["system"]["commands"]
     assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(STEPS))
     assert shown["map"]["digest"] == world("cross").map.digest
