@@ -254,6 +254,8 @@ def test_a_tilted_laser_is_refused_and_a_little_tilt_is_not(tmp_path: Path) -> N
     problem = refusal(tmp_path, [pitched(20), *drive()])
     assert problem == "the laser 'laser' is tilted by 20 degrees"
     assert only_scan(tmp_path / "little", pitched(3), scan(S)).robot_from_laser[2] == 0.0
+    far = fixed_tf("base_link", "laser", (0.0, 11.0, 0.0))
+    assert refusal(tmp_path / "far", [far, *drive()]) == "the laser 'laser' is 11 m away"
 
 
 NOWHERE = (math.nan, 0.0, 0.0)

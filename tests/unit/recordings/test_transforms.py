@@ -102,6 +102,8 @@ def test_a_late_transform_is_refused_and_many_in_a_row_reset_the_tree() -> None:
     assert kept == [Kept.NO] * (RESTART_AFTER - 1) + [Kept.CLOCK_SET_BACK]
     assert frames.newest_ns("odom", "base") == early + RESTART_AFTER - 1
     assert frames.lookup("base", "laser", 0) == OVERHEAD  # what is fixed stays
+    many = [frames.add(0, "odom", f"frame {n}", IDENTITY, fixed=True) for n in range(1001)]
+    assert many.index(Kept.NO) == 998, "with odom -> base and base -> laser a thousand"
 
 
 def test_a_tree_of_a_recording_keeps_all_transforms_and_extends_its_ends() -> None:

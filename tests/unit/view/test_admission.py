@@ -40,6 +40,7 @@ OWN, EVIL = "http://r:8350", "http://evil.example"
       for origin in (EVIL, "null", "", "http://127.0.0.1:1")),
     (HERE, "/", {"host": "evil.example:8350", "origin": EVIL}, False, "this page is served at"),
     (HERE, "/", {"host": "evil.example:8350", "origin": EVIL}, True, "this page is served at"),
+    (Admission(Address("127.0.0.1", 80)), "/", {"host": "localhost"}, False, ""),
     (THERE, "/", {"host": "r:8350"}, False, "token"),
     (THERE, "/?token=guess", {"host": "r:8350"}, False, "token"),
     (THERE, "/?token=secret", {"host": "r:8350"}, False, ""),
