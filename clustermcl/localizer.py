@@ -28,7 +28,7 @@ from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause, Cause, Named, key_of
 from clustermcl.protocol.changes import Changes
-from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.codec import refusal_of
 from clustermcl.protocol.errors import CommandRefusedError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import checked_pose
@@ -44,6 +44,7 @@ from clustermcl.sensor_bridge.step_maker import StepMaker
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
 _FULL_TURN = Named("heading beyond a full turn")
+_A_MAP = "a GridMap, such as load_map('map.yaml')"
 _FARTHEST_M = 100.0
 """Walls are nearer, or inside of the map."""
 
@@ -133,6 +134,7 @@ class ClusterMCL(RobotCommands):
         seed: int | None = None,
         settings: Settings | Mapping[str, object] | None = None,
     ) -> None:
+        _check(settings, Settings | Mapping | None, "settings", "{'belief.max_clusters': 32}")
         chosen = settings if isinstance(settings, Settings) else Settings()
         named = dict(settings) if isinstance(settings, Mapping) else {}
         named |= {} if seed is None else {"seed": seed}
@@ -141,7 +143,7 @@ class ClusterMCL(RobotCommands):
         self._settings = chosen
         self._robot_from_laser = checked_pose("robot_from_laser", robot_from_laser)
         self._stamp_ns, self._warned = 0, set[str]()
-        _check_map(grid_map)
+        _check(grid_map, GridMap, "the map", _A_MAP)
         compile_kernels(chosen.sensor)
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
         self._commands, self._odometry = Commands(), recent_odometry()
@@ -225,9 +227,8 @@ class ClusterMCL(RobotCommands):
                 `mean` and `covariance`, which are not used.
 
         Raises:
-            ValueError: the heading of `mean` is beyond a full turn.
-            MalformedMessageError: a number is not finite or out of range, the covariance is not
-                positive definite, or the field is too large.
+            ValueError: a number is not finite or out of range, the heading is beyond a full turn,
+                the covariance is not positive definite, or the field is too large.
         """
         if not landmark and np.size(mean) == 3:
             mean = checked_pose("mean", mean)
@@ -248,7 +249,9 @@ class ClusterMCL(RobotCommands):
             floor=floor,
             floors=dict(floors or {}),
         )
-        self._maker.observe(decode(encode(message), Observation))
+        if problem := refusal_of(message):
+            raise ValueError(f"the observation is invalid: {problem}")
+        self._maker.observe(message)
         self._warn_of_dropped(f"observation of {landmark or 'the pose'!r} by {source!r}")
 
     def _warn_of_dropped(self, of: object) -> None:
@@ -283,7 +286,9 @@ class ClusterMCL(RobotCommands):
         Raises:
             ValueError: the map has no obstacle.
         """
-        _check_map(grid_map)
+        _check(grid_map, GridMap, "the map", _A_MAP)
+        for mark in landmarks:
+            _check(mark, Landmark, "a landmark", "load_landmarks('landmarks.yaml')")
         self._farthest_m = max(_FARTHEST_M, math.hypot(*grid_map.size_m))
         self._model = sensor_model(grid_map, self._settings.sensor, kept_folder("maps"))
         self.map = grid_map.with_landmarks(landmarks or grid_map.landmarks)
@@ -348,7 +353,6 @@ class ClusterMCL(RobotCommands):
         return self.belief
 
 
-def _check_map(grid_map: object) -> None:
-    if not isinstance(grid_map, GridMap):
-        problem = f"the map is {grid_map!r}, a {type(grid_map).__name__}"
-        raise TypeError(f"{problem}: give a GridMap, such as load_map('map.yaml')")
+def _check(given: object, kind: Any, name: str, example: str) -> None:
+    if not isinstance(given, kind):
+        raise TypeError(f"{name} is {given!r}, a {type(given).__name__}: give {example}")

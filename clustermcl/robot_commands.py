@@ -75,6 +75,8 @@ class RobotCommands:
             ValueError: a number of `near` is not finite, or the radius is not positive.
         """
         if near is not None:
+            if np.size(near) != 3:
+                raise ValueError(f"near is x, y, radius, not {near}")
             x, y, radius_m = map(float, near)
             near = (x, y, radius_m)
         self._check_and_carry_out(

@@ -163,6 +163,11 @@ def test_wrong_arguments_are_refused_in_a_sentence() -> None:
     for call in (ClusterMCL, mcl.change_map):
         with pytest.raises(TypeError, match=r"'map.yaml', a str: give .* load_map\('map.yaml'\)"):
             call("map.yaml")
+    for wrong in ({"settings": "robot.toml"}, {"landmarks": "landmarks.yaml"}):
+        with pytest.raises(TypeError, match="a str: give"):
+            ClusterMCL(hall, **wrong)
+    with pytest.raises(ValueError, match="near is x, y, radius, not"):
+        mcl.relocalize((1.0, 2.0))
     assert (mcl.belief, mcl.dropped) == (None, {})
 
 
