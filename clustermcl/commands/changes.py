@@ -20,7 +20,7 @@ from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
-from clustermcl.runtime.sources import NO_MAP
+from clustermcl.runtime.sources import NEED_MAP
 from clustermcl.sensor_bridge.recorded import opened, steps_of
 from clustermcl.view.plots import NoExtraError, drawn_changes, save
 
@@ -57,7 +57,7 @@ def changes(
         opt.refuse_without("a running system", None, robot=robots)
         named = map_file_of(map_file or "", str(recording))
         if not named:
-            raise SettingsError(key="--map", problem=NO_MAP)
+            raise SettingsError(NEED_MAP)
         grid_map = load_map_with_obstacles(named)
         found = changes_of_recording(recording, grid_map, settings)
     if since_s is not None:

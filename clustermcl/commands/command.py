@@ -26,7 +26,7 @@ COMMANDS = {
         "view": ("processes", "Show a running system or a recorded run in the browser."),
     },
     "Query a running system": {
-        "pose": ("live", "Print the robot's pose, its uncertainty, and the age of the data."),
+        "pose": ("live", "Print the robot's pose, its uncertainty, and reasons to doubt it."),
         "hypotheses": ("live", "Print all places where the robot may be, with probabilities."),
         "advise": ("live", "Print where to drive so that scans distinguish the possible places."),
         "watch": ("live", "Print each new belief, until Ctrl-C."),
@@ -72,6 +72,13 @@ class _Commands(TyperGroup):
         command = getattr(module, name.replace("-", "_"))
         alone.command(name, context_settings=negative_numbers)(command)
         return get_command(alone)
+
+    def invoke(self, context: Any) -> Any:
+        """Run a command; if its output's reader has ended, typer would exit with 1, as a bug."""
+        try:
+            return super().invoke(context)
+        except BrokenPipeError as error:
+            raise StoppedError from error
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, _MODULES))

@@ -24,7 +24,7 @@ from clustermcl.protocol.steps import TruePose
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
-from clustermcl.runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
+from clustermcl.runtime.sources import NEED_MAP, SIMULATED, Live, Recorded, Simulated, parsed_source
 from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import recorded_source
 from clustermcl.simulator.free_space import FreeSpace
@@ -135,7 +135,7 @@ def _checked(settings: Settings, map_file: str | None, steps: int | None) -> tup
         case Recorded(path):
             wrong = {
                 "--steps: only for a simulated robot; a recording is played to its end": steps,
-                "--map is missing: a recording needs the map it was made in": not bridge.map,
+                NEED_MAP: not bridge.map,
             }
             for problem, is_wrong in wrong.items():
                 if is_wrong:

@@ -29,7 +29,7 @@ from clustermcl.recordings.maps.map_file import map_file_of
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.output_files import check_output_file, write_output_file
 from clustermcl.runtime.settings import Settings
-from clustermcl.runtime.sources import Simulated, parsed_source
+from clustermcl.runtime.sources import NEED_MAP, Simulated, parsed_source
 from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import opened
 from clustermcl.view import plots
@@ -234,7 +234,7 @@ def robot_of(
             raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
         return SimulatedRobot(world=source.world, map=file)
     if file is None:
-        raise SettingsError("--map is missing: a recording needs the map it was made in")
+        raise SettingsError(NEED_MAP)
     return RecordedRobot(recording=Path(recording), map=file, reference=reference)
 
 

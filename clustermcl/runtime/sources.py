@@ -33,8 +33,9 @@ def is_published(map_file: str, source: str) -> bool:
 
 NO_MAP = (
     "bridge.map is empty: name the map file by --set bridge.map=FILE; "
-    "with bridge.map=zenoh the robot publishes it, such as AMCL's node in ROS"
+    "if the robot publishes its map, as the ROS node does: --set bridge.map=zenoh"
 )
+NEED_MAP = "--map is missing: a recording needs the map it was made in"
 
 
 def parsed_source(text: str) -> Live | Recorded | Simulated:

@@ -26,6 +26,6 @@ def world(name: str) -> World:
 def simulated_world(robot: Simulated) -> World:
     """Return the world that a source names: one of the catalogue, or one made of a map file."""
     name = robot.world
-    if name not in WORLDS and (Path(name).suffix or Path(name).exists()):
+    if name and name not in WORLDS and (Path(name).suffix or Path(name).exists()):
         return world_from_map(load_map_with_obstacles(name))
     return world(name)

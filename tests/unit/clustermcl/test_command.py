@@ -62,6 +62,8 @@ def test_every_client_command_has_options_for_robot_and_router(name: str) -> Non
         (["evaluate", "sim:hall", "--reference", "r.tum"], "--reference: a simulated robot"),
         (["evaluate", "sim:hall", "--starts", "2"], "--starts: a simulated robot"),
         (["evaluate", "a.log"], "--map is missing: a recording needs"),
+        (["changes", "--recording", "a.log"], "--map is missing: a recording needs"),
+        (["evaluate", "sim:"], "no simulated world ''; the worlds are cross"),
         (["demo", "--map", "no.yaml"], "no.yaml: no such file"),
         (["snapshot", "now.jpg"], "is a .png file"),
         (["snapshot", "none/now.png"], "its folder does not exist"),
@@ -161,3 +163,9 @@ def test_a_shell_offers_commands() -> None:
     asked = {"_CLUSTERMCL_COMPLETE": "complete_bash", **words}
     found = CliRunner().invoke(app, env=asked, prog_name="clustermcl")
     assert found.output.split() == ["hypotheses"]
+
+
+def test_a_reader_that_has_ended_is_no_bug() -> None:
+    words = f"{sys.executable} -I -m clustermcl settings --all | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", words], capture_output=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (130, b"")
