@@ -118,7 +118,7 @@ class DemoSummary:
         """The true pose of its step; None: unknown."""
         self._ambiguous_steps = self._most_places = 0
         self._first_places_step: int | None = None
-        self._lowest, self._highest = 1.0, 0.0
+        self._highest = 0.0
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None = None) -> None:
         self.belief, self.truth = belief, truth
@@ -131,7 +131,7 @@ class DemoSummary:
             held = [h.probability for h in belief.hypotheses if h.probability >= HELD_PROBABILITY]
             self._ambiguous_steps += 1
             self._most_places = max(self._most_places, len(held))
-            self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
+            self._highest = max([self._highest, *held])
 
     def _error(self) -> PoseError | None:
         best = self.belief and self.belief.best
@@ -154,8 +154,8 @@ class DemoSummary:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:
             yield (
-                f"For {self._ambiguous_steps} steps up to {self._most_places} places were tracked, "
-                f"with probabilities from {self._lowest:.2f} to {self._highest:.2f}."
+                f"For {self._ambiguous_steps} steps it was ambiguous: up to {self._most_places} "
+                f"places had {HELD_PROBABILITY:.0%} or more, the best at most {self._highest:.2f}."
             )
         if self.found_step is not None:
             yield f"First localized at the true pose: step {self.found_step}."

@@ -22,7 +22,7 @@ EXIT_NO_POSE = 4
 
 @opt.client_command
 def pose(settings: Settings, as_json: opt.AsJson = False) -> None:
-    """Print the robot's pose, its uncertainty, and the age of the data.
+    """Print the robot's pose, its uncertainty, and reasons to doubt it.
 
     Exit code 4 if the pose is not safe to drive by: stale, dead reckoning, lost, or unknown.
     """

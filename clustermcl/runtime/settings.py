@@ -24,7 +24,7 @@ class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     name: Annotated[str, Meta(pattern=NAME_PATTERN, max_length=LONGEST_NAME)] = "robot"
     """Robot's name; separates the keys of several robots on one router."""
     radius_m: Annotated[float, Meta(ge=0, le=10)] = 0.0
-    """Radius of the footprint that the page draws; 0: none [m]."""
+    """Radius of the footprint, for the page and for advice; 0: none, and 0.3 m for advice [m]."""
 
 
 SOCKET_PATH_MAX_BYTES = 107

@@ -86,6 +86,7 @@ def _replayed_series(
                 for happening in _replay(path, coordinator, entry, events):
                     yield wall_ns, happening
         if log.cut:
+            wall_ns = wall_ns or path.stat().st_mtime_ns  # cut off before its head
             yield wall_ns, records.Happened("cut off", f"{path.name}: {log.cut}")
     return coordinator
 

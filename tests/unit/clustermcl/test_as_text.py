@@ -144,7 +144,7 @@ def test_the_summary_names_held_places_and_the_step_of_the_decision() -> None:
     assert (summary.found_step, summary.localized_steps) == (4, 3)
     assert list(summary.lines(STATUS, 3.0)) == [
         "The search found its first places at step 1.",
-        "For 2 steps up to 3 places were tracked, with probabilities from 0.19 to 0.50.",
+        "For 2 steps it was ambiguous: up to 3 places had 2% or more, the best at most 0.50.",
         "First localized at the true pose: step 4.",
         "From step 3 on the robot was localized.",
         "At the end localized with probability 0.97: "
