@@ -20,7 +20,7 @@ from clustermcl.protocol.conversion import with_checksum, without_checksum
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Checkpoint, check_term
 from clustermcl.runtime.logs import CauseCounter
-from clustermcl.runtime.output_files import opened_to_write, replace_file
+from clustermcl.runtime.output_files import replace_file, write_over
 from clustermcl.runtime.threads import disk_thread
 
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
@@ -76,9 +76,13 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
         replace_file(target, content)
         return
     # A rename, or an empty file, would make some file systems begin to write.
-    with opened_to_write(recent[checkpoint.serial % 2]) as file:
-        file.write(content)
-        file.truncate()
+    path = recent[checkpoint.serial % 2]
+    earlier = path.read_bytes() if path.exists() else b""
+    try:
+        write_over(path, content)
+    except OSError:  # the earlier state still has its room on the disk
+        write_over(path, earlier)
+        raise
 
 
 class StateKeeper:

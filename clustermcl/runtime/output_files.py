@@ -6,7 +6,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedWriter
 from pathlib import Path
 
 from clustermcl.protocol.errors import ClusterMclError
@@ -54,10 +53,7 @@ def replace_file(path: Path, content: bytes) -> None:
     """
     part = path.with_suffix(".part")  # one name: what a killed process left is written over
     try:
-        with opened_to_write(part) as file:
-            file.write(content)
-            file.truncate()
-            os.fsync(file.fileno())
+        write_over(part, content, sync=True)
         part.replace(path)
     except OSError:
         part.unlink(missing_ok=True)
@@ -69,14 +65,14 @@ def replace_file(path: Path, content: bytes) -> None:
         os.close(number)
 
 
-def opened_to_write(file: Path) -> BufferedWriter:
-    """Open a file to write it over; create its folder only if that fails, which is seldom."""
-    flags = os.O_WRONLY | os.O_CREAT
-    try:
-        return os.fdopen(os.open(file, flags, 0o600), "wb")
-    except FileNotFoundError:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        return os.fdopen(os.open(file, flags, 0o600), "wb")
+def write_over(path: Path, content: bytes, *, sync: bool = False) -> None:
+    """Write a file over; create its folder if it is missing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, 0o600), "wb") as file:
+        file.write(content)
+        file.truncate()
+        if sync:
+            os.fsync(file.fileno())
 
 
 @contextmanager

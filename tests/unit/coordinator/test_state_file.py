@@ -1,5 +1,5 @@
-import errno
 import os
+import resource
 import stat
 import threading
 import time
@@ -140,16 +140,17 @@ def test_a_shorter_state_leaves_nothing_of_a_longer_one_before(tmp_path: Path) -
     assert read(tmp_path, "robot") == STATE
 
 
-def test_a_full_disk_leaves_no_unfinished_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("sync", [True, False])
+def test_a_full_disk_leaves_the_state_before_and_no_unfinished_file(
+    tmp_path: Path, sync: bool
 ) -> None:
-    def full(_number: int) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
-        write(tmp_path, "robot", STATE, sync=True)
-    assert list(tmp_path.iterdir()) == []
+    write(tmp_path, "robot", STATE, sync=sync)
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, usual[1]))
+    with pytest.raises(OSError, match="too large"):
+        write(tmp_path, "robot", replace(STATE, state=bytes(100_000)), sync=sync)
+    resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert (read(tmp_path, "robot"), len(list(tmp_path.iterdir()))) == (STATE, 1)
 
 
 def test_a_slow_disk_does_not_delay_the_end(
