@@ -1,6 +1,7 @@
 """Collects the changes of a running robot, and keeps them in a file across restarts."""
 
 import logging
+import threading
 import time
 from pathlib import Path
 from urllib.parse import quote
@@ -22,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 class ChangeKeeper:
-    """The changes in one map. `on_step` is called in the loop, other methods in any one thread.
+    """The changes in one map. `on_step` is called in the loop, `renew` in any one thread.
 
     A folder of None: nothing is kept.
     """
@@ -30,7 +31,7 @@ class ChangeKeeper:
     def __init__(self, grid_map: GridMap, folder: Path | None, robot: str, sender: str) -> None:
         self._collector, self._sender = ChangeCollector(grid_map), sender
         self._file = folder and folder / f"changes-{quote(robot, safe='')}.msgpack"
-        self._saved_s = time.monotonic()
+        self._saved_s, self._saving = time.monotonic(), threading.Lock()
         if self._file is not None:
             self._read(self._file)
         self.newest = self._collector.changes(sender)
@@ -61,6 +62,7 @@ class ChangeKeeper:
         self._saved_s = time.monotonic()
         if self._file is not None:
             try:
-                replace_file(self._file, with_checksum(encode(self._collector.kept)))
+                with self._saving:  # at the bridge's end, `renew` may be at it in its thread
+                    replace_file(self._file, with_checksum(encode(self._collector.kept)))
             except OSError as error:
                 _log.warning("changes cannot be kept in %s: %s", self._file, error)

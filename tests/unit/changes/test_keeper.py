@@ -1,4 +1,5 @@
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -43,6 +44,16 @@ def test_changes_survive_a_restart(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["changes-r%201.msgpack"]
     assert next(tmp_path.iterdir()).stat().st_mode & 0o077 == 0
     assert len(ChangeKeeper(TRUE, tmp_path, "r 1", "bridge").newest.cells.array()) == 0
+
+
+def test_two_threads_do_not_write_the_file_at_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    kept = keeper(tmp_path)
+    with ThreadPoolExecutor(8) as pool:
+        for _ in range(50):
+            pool.submit(kept.save)
+    assert caplog.text == ""
 
 
 def test_a_robot_that_is_found_elsewhere_after_a_restart_loses_what_is_not_trusted() -> None:
