@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from clustermcl.protocol.errors import SettingsError
 from clustermcl.ros2 import message_types as types
 from clustermcl.runtime.settings import Ros2Settings
 
@@ -65,6 +66,8 @@ class Topics:
         sensor_data = Qos(depth=5, best_effort=True)
         self.map = Topic(settings.map_topic, types.OCCUPANCY_GRID, _LAST)
         self.scans = _topics(settings.scan_topic, types.LASER_SCAN, sensor_data)
+        if not self.scans:
+            raise SettingsError(f"scan_topic = {settings.scan_topic!r}: name a topic of scans")
         self.observed = (
             *_topics(settings.pose_topics, types.POSE_STAMPED, Qos()),
             *_topics(settings.tag_topics, types.APRIL_TAGS, sensor_data),

@@ -50,6 +50,7 @@ def test_a_file_of_nav2_is_read_as_ros_reads_it(
     [
         ({"alpha1": "much"}, "alpha1 = 'much': nav2 expects a number"),
         ({"scan_topic": "front scan"}, "Invalid topic name: topic name must not contain"),
+        ({"scan_topic": ""}, "scan_topic = '': name a topic of scans"),
         ({"engine": "steam"}, "engine = 'steam'"),
         ({"belief.particles": -5}, "belief.particles"),
     ],

@@ -134,6 +134,8 @@ def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -
         text = f"amcl:\n  ros__parameters: {{scan_topic: {value}}}\n"
         ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text))[0]).ros2
         assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear"]
+    with pytest.raises(SettingsError, match="scan_topic = ' , ': name a topic"):
+        Topics(Ros2Settings(scan_topic=" , "))
 
 
 @pytest.mark.parametrize(
