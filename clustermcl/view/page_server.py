@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from http import HTTPStatus
 from typing import Any, Self
-from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
@@ -132,7 +131,7 @@ class PageServer:
     def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Answer or refuse an HTTP request; None: open the WebSocket."""
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
-        path = urlsplit(request.path).path.removeprefix("/")
+        path = request.path.partition("?")[0].removeprefix("/")
         opens_socket = path == SOCKET_PATH
         if problem := self._admission.problem(request.path, headers, socket=opens_socket):
             return _response(HTTPStatus.FORBIDDEN, problem.encode(), {})

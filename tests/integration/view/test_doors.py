@@ -75,7 +75,7 @@ def test_a_page_may_load_nothing_from_elsewhere(port: int) -> None:
         assert found == 200, file
         assert about["x-content-type-options"] == "nosniff"
         assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
-    for path in ("/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js"):
+    for path in ("/nothing", "//[", "/../pyproject.toml", "/map/abc", "/static/app.js"):
         assert got(port, path)[0] == 404, path
     with opened_at(port) as page:
         assert json.loads(page.recv(PATIENCE_S))["system"]["robot"] == "r1"
