@@ -56,7 +56,7 @@ def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:
     if len(words) != _WORDS:
         raise ValueError(f"{len(words)} numbers, a TUM line has {_WORDS}: t x y z qx qy qz qw")
     x, y, z, *quaternion = map(float, words[1:])
-    if not max(abs(x), abs(y), abs(z)) < MAX_POSE_M:
+    if not math.hypot(x, y, z) < MAX_POSE_M:
         raise ValueError(f"({' '.join(words[1:4])}) is not a position")
     return stamp_ns_of(words[0]), (x, y, _heading(*quaternion))
 

@@ -37,7 +37,7 @@ def checked_pose(name: str, pose: ArrayLike, *, in_one_turn: bool = True) -> Pos
     if values.shape != (3,):
         raise ValueError(f"{name} is x, y, heading, not of shape {values.shape}: {pose!r}")
     x, y, heading = values.tolist()
-    if not (max(abs(x), abs(y)) < MAX_POSE_M and math.isfinite(heading)):
+    if not (abs(x) < MAX_POSE_M > abs(y) and math.isfinite(heading)):
         raise ValueError(f"{name} ({x}, {y}, {heading}) is not finite or farther than 1e8 m")
     if in_one_turn:
         check_angle(f"the heading of {name}", heading)

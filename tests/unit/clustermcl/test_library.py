@@ -123,7 +123,7 @@ SCAN: dict[str, Any] = {"ranges": ONES, "angle_min": -1.57, "angle_step": 0.0175
     [
         ({}, "a scan, odometry, or both"),
         ({"odom_from_robot": (0, 0)}, r"is x, y, heading, not of shape \(2,\)"),
-        ({"odom_from_robot": (np.nan, 0.0, 0.0)}, r"odom_from_robot \(nan, 0.0, 0.0\)"),
+        ({"odom_from_robot": (1.0, np.nan, 0.0)}, r"odom_from_robot \(1.0, nan, 0.0\)"),
         ({**SCAN, "ranges": np.ones((2, 2))}, r"shape \(2, 2\), expected \(B,\)"),
         ({**SCAN, "ranges": []}, r"shape \(0,\), expected \(B,\)"),
         ({**SCAN, "angle_min": -90.0}, "angle_min is -90.* radians"),

@@ -113,7 +113,7 @@ def test_outside_the_known_times_the_end_poses_hold_for_a_second(tmp_path: Path)
         ("1 2 3\n", ":3: 3 numbers, a TUM line has 8"),
         (line(1).replace("0 0 0", "0 0 x"), ":3: could not convert string to float: 'x'"),
         (line("soon"), ":3: the time 'soon' is not a number"),
-        (line(1, math.nan), ":3: (nan 0.0 0) is not a position"),
+        ("1 0 nan 0 0 0 0 1\n", ":3: (0 nan 0) is not a position"),
         ("1 0 0 0 0 0 0 0\n", ":3: the orientation is not a unit quaternion: its length is 0"),
         ("1 0 0 0 nan 0 0 1\n", ":3: the orientation is not a unit quaternion"),
     ],
