@@ -77,8 +77,10 @@ class _Commands(TyperGroup):
         """Run a command; if its output's reader has ended, typer would exit with 1, as a bug."""
         try:
             return super().invoke(context)
-        except BrokenPipeError as error:
-            raise StoppedError from error
+        except (BrokenPipeError, SystemExit) as error:  # the latter by rich
+            if BrokenPipeError in (type(error), type(error.__context__)):
+                raise StoppedError from error
+            raise
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, _MODULES))

@@ -165,7 +165,8 @@ def test_a_shell_offers_commands() -> None:
     assert found.output.split() == ["hypotheses"]
 
 
-def test_a_reader_that_has_ended_is_no_bug() -> None:
-    words = f"{sys.executable} -I -m clustermcl settings --all | true; exit ${{PIPESTATUS[0]}}"
+@pytest.mark.parametrize("printing", ["settings --all", "evaluate sim:cross --steps 1"])
+def test_a_reader_that_has_ended_is_no_bug(printing: str) -> None:
+    words = f"{sys.executable} -I -m clustermcl {printing} | true; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", words], capture_output=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (130, b"")
