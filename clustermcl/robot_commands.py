@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.codec import refusal_of
-from clustermcl.protocol.message import Circle
+from clustermcl.protocol.message import MAX_POSE_M, Circle
 from clustermcl.protocol.pose_arrays import checked_pose, covariance_tuple
 from clustermcl.runtime.caller import caller
 
 
 class RobotCommands:
-    """Base class with `set_pose` and `relocalize`; a subclass implements `_carry_out`."""
+    """Checks `set_pose` and `relocalize`; a subclass implements `_carry_out`."""
 
     def set_pose(
         self,
@@ -75,9 +75,9 @@ class RobotCommands:
             ValueError: a number of `near` is not finite, or the radius is not positive.
         """
         if near is not None:
-            if np.size(near) != 3:
-                raise ValueError(f"near is x, y, radius, not {near}")
-            x, y, radius_m = map(float, near)
+            x, y, radius_m = map(float, near) if np.size(near) == 3 else (np.nan,) * 3
+            if not (abs(x) < MAX_POSE_M > abs(y) and 0.0 < radius_m < np.inf):
+                raise ValueError(f"near is x, y and a radius above 0, all finite, not {near}")
             near = (x, y, radius_m)
         self._check_and_carry_out(
             Relocalize(sender=caller(), command_id=new_id(), near=near, floor=floor)
@@ -89,7 +89,7 @@ class RobotCommands:
         self._carry_out(command)
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
-        raise NotImplementedError
+        pass
 
 
 def new_id() -> str:

@@ -3,17 +3,18 @@
 import math
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 
 import msgspec
-import typer
 
 from clustermcl.commands import as_text as text
 from clustermcl.commands import options as opt
 from clustermcl.commands.as_json import json_object
+from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.job_events import probability_of
+from clustermcl.robot_commands import RobotCommands
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.settings import Settings
 
@@ -95,13 +96,15 @@ def set_pose(
 ) -> None:
     """Set the robot's pose; the heading is in degrees."""
     named = (x_m, y_m, math.radians((heading_deg + 180.0) % 360.0 - 180.0))
-    with _checking(), opt.connected(settings) as client:
-        client.set_pose(
+    _command(
+        settings,
+        lambda robot: robot.set_pose(
             named,
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=math.radians(heading_sigma_deg),
             floor=floor,
-        )
+        ),
+    )
     _report(settings, f"was set to {text.pose_text(named, floor)}")
 
 
@@ -115,8 +118,7 @@ def relocalize(
     floor: opt.Floor = "",
 ) -> None:
     """Drop all places, and search everywhere or in part of the map."""
-    with _checking(), opt.connected(settings) as client:
-        client.relocalize(near, floor)
+    _command(settings, lambda robot: robot.relocalize(near, floor))
     where = "everywhere"
     if near is not None:
         where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
@@ -137,10 +139,11 @@ def _report(settings: Settings, what: str) -> None:
         opt.print_answer([f"robot {settings.robot.name!r} {what}"])
 
 
-@contextmanager
-def _checking() -> Iterator[None]:
-    """Refuse a number of the command line that the client refuses."""
+def _command(settings: Settings, command: Callable[[RobotCommands], None]) -> None:
+    """Give a command; refuse wrong numbers before the system is looked for."""
     try:
-        yield
+        command(RobotCommands())
     except ValueError as problem:
-        raise typer.BadParameter(str(problem)) from None
+        raise SettingsError(str(problem)) from None
+    with opt.connected(settings) as client:
+        command(client)

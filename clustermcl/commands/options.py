@@ -12,7 +12,7 @@ from clustermcl.commands.as_json import JsonObject, dumped
 from clustermcl.commands.verbosity import log_settings
 from clustermcl.protocol.errors import SettingsError, escaped
 from clustermcl.runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
-from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.settings_file import load_settings, with_setting
 
 if TYPE_CHECKING:
     from clustermcl.client import Client
@@ -89,6 +89,8 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
             settings_file: SettingsFile = None, assignments: Assignments = None, **own: Any
         ) -> None:
             named = {option: value for option in shared if (value := own.pop(option))}
+            for option, value in named.items():
+                with_setting(Settings(), _SHARED[option][0], value, f"--{option.replace('_', '-')}")
             values = [f"{_SHARED[option][0]}={value}" for option, value in named.items()]
             given = [*log_settings(), *values, *(assignments or ())]
             command(Given(settings_file, given), **own)

@@ -4,6 +4,7 @@ Only msgpack can limit a list's length before it allocates it. `msgspec.msgpack`
 faster, but would allocate a list of four billion items.
 """
 
+import re
 from functools import cache
 from typing import Any, TypeVar, get_args
 
@@ -76,7 +77,7 @@ def refusal_of(message: Message) -> str | None:
     try:
         decode(encode(message), type(message))
     except MalformedMessageError as error:
-        return error.problem
+        return re.sub(r"Expected (.*) - at `\$\.(.*)`", r"\2: expected \1", error.problem)
     except OverflowError as error:  # an integer of more than 64 bits
         return str(error)
     return None

@@ -166,7 +166,7 @@ def test_wrong_arguments_are_refused_in_a_sentence() -> None:
     for wrong in ({"settings": "robot.toml"}, {"landmarks": "landmarks.yaml"}):
         with pytest.raises(TypeError, match="a str: give"):
             ClusterMCL(hall, **wrong)
-    with pytest.raises(ValueError, match="near is x, y, radius, not"):
+    with pytest.raises(ValueError, match="near is x, y and a radius"):
         mcl.relocalize((1.0, 2.0))
     assert (mcl.belief, mcl.dropped) == (None, {})
 
