@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.changes.new_map import joined, with_changes
 from clustermcl.commands import options as opt
@@ -17,7 +19,7 @@ from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of
 from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.folders import kept_folder
-from clustermcl.runtime.output_files import check_output_file
+from clustermcl.runtime.output_files import OutputError, check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import NEED_MAP
@@ -29,9 +31,10 @@ _log = logging.getLogger(__name__)
 _TIMES = 2
 
 
-@opt.settings_command("router", *opt.OF_BAGS)
+@opt.settings_command(*opt.OF_BAGS, "router")
 def changes(
     settings: Settings,
+    context: typer.Context,
     recording: Annotated[
         Path | None, opt.option("Recording of a robot, in place of a running system.", "FILE")
     ] = None,
@@ -47,14 +50,12 @@ def changes(
     of each cell counts.
     """
     since_s = None if since is None else _seconds_of(since)
-    files = [] if output is None else _files(output)
-    for file in files:
-        check_output_file(file)
+    files = [] if output is None else _files(output, map_file or settings.bridge.map)
     if recording is None:
         opt.refuse_without("--recording", recording, map=map_file)
         grid_map, found = _of_robots(settings, robots or [settings.robot.name])
     else:
-        opt.refuse_without("a running system", None, robot=robots)
+        opt.refuse_given(context, "a recording", "robots", "router")
         named = map_file_of(map_file or "", str(recording))
         if not named:
             raise SettingsError(NEED_MAP)
@@ -79,15 +80,18 @@ def changes(
 def _seconds_of(text: str) -> float:
     """Return a time such as ``90s``, ``15m``, ``2h`` or ``7d`` [s]."""
     unit = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}.get(text[-1:])
-    if unit is None or not text[:-1].isdecimal():
+    if unit is None or not text[:-1].isdecimal() or len(text) > 12:
         raise SettingsError(key="--since", problem=f"--since {text!r}: write such as 90s, 2h or 7d")
     return int(text[:-1]) * unit
 
 
-def _files(output: Path) -> list[Path]:
-    if output.suffix != ".yaml":
-        raise SettingsError(key="--output", problem=f"--output {output}: a map is a .yaml file")
-    return [output, *(output.with_suffix(end) for end in (".old.yaml", ".changes.png"))]
+def _files(output: Path, map_file: str) -> list[Path]:
+    if output.resolve() == Path(map_file).resolve():
+        raise OutputError(output, "it is the map that the changes are of; name another file")
+    beside = [output.with_suffix(end) for end in (".old.yaml", ".changes.png")]
+    for file, ending in ((output, ".yaml"), *((file, "") for file in beside)):
+        check_output_file(file, ending)
+    return [output, *beside]
 
 
 def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Changes]:

@@ -16,7 +16,7 @@ from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
 from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
 from clustermcl.evaluation.map_check.report import MapReport, report_of
-from clustermcl.protocol.errors import MapFileError, SettingsError
+from clustermcl.protocol.errors import MapFileError
 from clustermcl.recordings.maps.landmarks import landmarks_of_map
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles
 from clustermcl.runtime.output_files import check_output_file
@@ -49,9 +49,7 @@ def check(
     With a recording, also check whether it matches the map.
     """
     if picture is not None:
-        if picture.suffix.lower() != ".png":
-            raise SettingsError(f"--report {picture}: the picture is a .png file")
-        check_output_file(picture)
+        check_output_file(picture, ".png")
         new_figure()  # raises before the check, not after it
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:

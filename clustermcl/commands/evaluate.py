@@ -125,7 +125,9 @@ def evaluate(
         raise SettingsError("--starts: a simulated robot starts elsewhere with each seed: --seeds")
     usual = DEFAULT_STEPS if simulated else DEFAULT_STEPS_OF_A_START if starts else None
     case = Case(robot=robot, updates=steps or usual)
-    _check_files(output, {"--tum": tum, "--plot": plot}, max(seeds, starts or 1))
+    needed = ("--map", map_file) if simulated else ("--reference", reference)
+    opt.refuse_without(*needed, floor=floor)
+    _check_files({"--output": output, "--tum": tum, "--plot": plot}, max(seeds, starts or 1))
     figure = None if plot is None else plots.new_figure((3.0, 1.0))  # raises without matplotlib
     if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:
         _log.warning("the robot drives in %s, and is given the map %s", robot.world, robot.map)
@@ -167,15 +169,13 @@ def evaluate(
     stop.check()
 
 
-def _check_files(output: Path | None, of_one: Mapping[str, Path | None], runs: int) -> None:
-    if output is not None and output.suffix.lower() != ".csv":
-        raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
-    for option, file in of_one.items():
-        if file is not None and runs > 1:
+def _check_files(files: Mapping[str, Path | None], runs: int) -> None:
+    for (option, file), ending in zip(files.items(), (".csv", ".tum", ".png"), strict=True):
+        if file is not None and runs > 1 and option != "--output":
             problem = "a file has one run; leave out --seeds and --starts"
             raise SettingsError(f"{option} {file}: {problem}")
-    for file in filter(None, (output, *of_one.values())):
-        check_output_file(file)
+        if file is not None:
+            check_output_file(file, ending)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:

@@ -13,6 +13,7 @@ from clustermcl.commands.verbosity import log_settings
 from clustermcl.protocol.errors import SettingsError, escaped
 from clustermcl.runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
 from clustermcl.runtime.settings_file import load_settings, with_setting
+from clustermcl.runtime.sources import SIMULATED
 
 if TYPE_CHECKING:
     from clustermcl.client import Client
@@ -89,6 +90,8 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
             settings_file: SettingsFile = None, assignments: Assignments = None, **own: Any
         ) -> None:
             named = {option: value for option in shared if (value := own.pop(option))}
+            if named.keys() & OF_BAGS:
+                refuse_without("a ROS bag", _may_be_bag(own["recording"] or ""), **named)
             for option, value in named.items():
                 with_setting(Settings(), _SHARED[option][0], value, f"--{option.replace('_', '-')}")
             values = [f"{_SHARED[option][0]}={value}" for option, value in named.items()]
@@ -138,6 +141,14 @@ def connected(settings: Settings) -> "Client":
 def print_answer(answer: JsonObject | Iterable[str]) -> None:
     lines = [dumped(answer)] if isinstance(answer, dict) else answer
     print("\n".join(map(escaped, lines)), flush=True)  # noqa: T201 - the command's answer
+
+
+def _may_be_bag(recording: Path | str) -> bool:
+    """Return whether a recording is a bag, or missing, which is refused later."""
+    from clustermcl.recordings.bag_file import is_bag  # noqa: PLC0415 - slow to import
+
+    exists = Path(recording).exists() or str(recording).startswith(SIMULATED)
+    return not exists or is_bag(Path(recording))
 
 
 def refuse_without(needed: str, is_there: object, **options: object) -> None:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from clustermcl.client import Client
 from clustermcl.commands.options import argument, client_command
 from clustermcl.protocol import keys
-from clustermcl.protocol.errors import SettingsError, UnreachableError
+from clustermcl.protocol.errors import UnreachableError
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
@@ -27,9 +27,7 @@ def snapshot(
     file: Annotated[Path, argument("FILE.png", "The picture.")],
 ) -> None:
     """Save a picture of the map and the places."""
-    if file.suffix.lower() != ".png":
-        raise SettingsError(key="FILE", problem=f"{file}: a snapshot is a .png file")
-    check_output_file(file)
+    check_output_file(file, ".png")
     figure = new_figure()
     with Client(settings, stop=stop_on_signals()) as client:
         grid_map, scan = client.map(), None

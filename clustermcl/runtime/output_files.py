@@ -22,8 +22,10 @@ class OutputError(ClusterMclError):
         super().__init__(f"{path}: cannot be written: {self.problem}")
 
 
-def check_output_file(path: Path) -> None:
-    """Check that a file can be written, without changing it; an `OutputError` says why not."""
+def check_output_file(path: Path, ending: str = "") -> None:
+    """Check a file's name, and that it can be written; an `OutputError` says why not."""
+    if not path.name.lower().endswith(ending):
+        raise OutputError(path, f"its name must end in {ending}")
     if path.is_dir():
         raise OutputError(path, "it is a folder")
     if path.exists():

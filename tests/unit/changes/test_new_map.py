@@ -15,7 +15,7 @@ from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import MOVED, Changes
 from clustermcl.protocol.codec import decode
-from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.errors import ClusterMclError, MalformedMessageError
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.ros_map import save_ros_map
@@ -118,8 +118,10 @@ def test_the_command_writes_the_new_map_of_a_recording(tmp_path: Path) -> None:
     )
     assert load_map(tmp_path / "new.old.yaml").digest == load_map(old).digest
     assert (tmp_path / "new.changes.png").stat().st_size > 1000
-    for bad in (["--since", "7x"], ["--output", "new.png"], ["--recording", "nowhere.log"]):
-        assert CliRunner().invoke(app, [*command, *bad]).exit_code != 0
+    wrong = [f"--since {10**400}d", "--router tcp/r:1", "--recording nowhere.log"]
+    for words in (*wrong, "--since 7x", "--output new.png", f"--output {old.parent}/./old.yaml"):
+        refused = CliRunner().invoke(app, [*command, *words.split()])
+        assert isinstance(refused.exception, ClusterMclError), words
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from clustermcl.commands.check import MOST_CELLS
 from clustermcl.commands.command import app
 from clustermcl.evaluation.map_check.drawing import ALIKE, LANDMARK, UNIQUE
 from clustermcl.filter.arrays import OCCUPIED, UNKNOWN
-from clustermcl.protocol.errors import MapFileError, RecordingError, SettingsError
+from clustermcl.protocol.errors import MapFileError, RecordingError
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.simulator.worlds.catalogue import world
 from tests.maps import write_map
@@ -82,4 +82,4 @@ def test_an_unwritable_picture_is_refused_before_the_check(tmp_path: Path) -> No
     refused = CliRunner().invoke(app, [*words, str(tmp_path / "no" / "x.png")])
     assert "its folder does not exist" in str(refused.exception)
     page = CliRunner().invoke(app, [*words, str(tmp_path / "x.html")]).exception
-    assert isinstance(page, SettingsError)
+    assert "its name must end in .png" in str(page)
