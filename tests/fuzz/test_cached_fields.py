@@ -10,7 +10,7 @@ from clustermcl.filter.settings import SensorSettings
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.recordings.maps.grid_map import GridMap
 from tests.fuzz.effort import cases
-from tests.fuzz.mutations import Mutation, mutations
+from tests.fuzz.mutations import damaged
 
 SETTINGS = SensorSettings()
 
@@ -27,17 +27,14 @@ def computed() -> SensorModel:
 
 
 @cases(0.02)
-@given(st.integers(0, 3), st.lists(mutations(), min_size=1, max_size=3))
+@given(st.integers(0, 3), st.data())
 def test_a_damaged_cache_is_computed_again(
-    folder: Path, computed: SensorModel, which: int, damages: list[Mutation]
+    folder: Path, computed: SensorModel, which: int, data: st.DataObject
 ) -> None:
     sensor_model(walled(), SETTINGS, folder)
     (entry,) = folder.glob("field-*[!t]")
     file = sorted(entry.iterdir())[which]
-    content = file.read_bytes()
-    for damage in damages:
-        content = damage(content)
-    file.write_bytes(content)
+    file.write_bytes(data.draw(damaged(st.just(file.read_bytes()))))
     model = sensor_model(walled(), SETTINGS, folder)
     np.testing.assert_array_equal(model.jumps, computed.jumps)
     np.testing.assert_array_equal(model.field.codes, computed.field.codes)

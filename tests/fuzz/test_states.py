@@ -13,7 +13,7 @@ from clustermcl.coordinator.state_file import files_of, read, write
 from clustermcl.protocol.work import Checkpoint
 from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
-from tests.fuzz.mutations import Mutation, damaged, mutations
+from tests.fuzz.mutations import damaged
 from tests.unit.coordinator.living import Living, symmetric_room
 
 
@@ -43,15 +43,10 @@ def test_a_state_of_deep_nesting_is_refused() -> None:
 
 
 @cases(0.02)
-@given(st.sampled_from(range(4)), st.lists(mutations(), max_size=3))
-def test_a_damaged_state_file_is_never_believed(
-    folder: Path, which: int, damages: list[Mutation]
-) -> None:
-    kept = real_checkpoints()[which]
+@given(st.data())
+def test_a_damaged_state_file_is_never_believed(folder: Path, data: st.DataObject) -> None:
+    kept = data.draw(st.sampled_from(real_checkpoints()))
     write(folder, "robot", kept, sync=True)
     path, *_ = files_of(folder, "robot")
-    content = path.read_bytes()
-    for damage in damages:
-        content = damage(content)
-    path.write_bytes(content)
+    path.write_bytes(data.draw(damaged(st.just(path.read_bytes()))))
     assert read(folder, "robot") in (None, kept)

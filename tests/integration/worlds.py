@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.steps import MapReading
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import Simulated, parsed_source
@@ -17,6 +19,17 @@ def world_of(settings: Settings) -> World:
     robot = parsed_source(settings.bridge.source)
     assert isinstance(robot, Simulated)
     return simulated_world(robot)
+
+
+def map_reading(grid_map: GridMap) -> MapReading:
+    """The message in which a robot publishes this map."""
+    occupancy = np.where(grid_map.cells == OCCUPIED, 100, grid_map.cells)
+    return MapReading(
+        sender="robot",
+        cell_m=grid_map.cell_m,
+        map_from_grid=grid_map.map_from_grid,
+        occupancy=ArrayBlob.of(occupancy, "int8"),
+    )
 
 
 def write_room(

@@ -15,12 +15,10 @@ from clustermcl.commands.stack import COORDINATOR
 from clustermcl.link.wire import Publisher
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import encode
 from clustermcl.protocol.errors import CommandRefusedError
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
-from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.protocol.steps import LaserReading, OdometryReading
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.simulator.simulation import Simulation
@@ -29,18 +27,9 @@ from tests.integration.faults.system import SMALL, System, system
 from tests.integration.running import running
 from tests.integration.sensor_bridge.robot import answering
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import map_reading
 
 LASER_HZ = 10.0
-
-
-def map_reading(grid_map: GridMap) -> MapReading:
-    occupancy = np.where(grid_map.cells == 1, 100, grid_map.cells)
-    return MapReading(
-        sender="robot",
-        cell_m=grid_map.cell_m,
-        map_from_grid=grid_map.map_from_grid,
-        occupancy=ArrayBlob.of(occupancy, "int8"),
-    )
 
 
 @contextmanager

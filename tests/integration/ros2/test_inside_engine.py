@@ -11,19 +11,17 @@ import pytest
 from clustermcl_ros.inside import InsideEngine
 from msgspec.structs import replace
 
-from clustermcl.filter.arrays import OCCUPIED, UNKNOWN
+from clustermcl.filter.arrays import UNKNOWN
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SearchSettings
 from clustermcl.localizer import Belief
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Configure, Relocalize, SetPose, Update
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.live_settings import LiveSettings
-from clustermcl.protocol.steps import MapReading, OdometryReading
+from clustermcl.protocol.steps import OdometryReading
 from clustermcl.protocol.work import Particles
-from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.ros2.sides import EngineStatus, Reading
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import world
@@ -31,6 +29,7 @@ from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.faults.system import SMALL
 from tests.integration.running import running
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import map_reading
 
 WORLD = world("cross_feature")
 KEEPING = replace(SMALL.coordinator, keep_pose_on_new_map=True)
@@ -112,16 +111,6 @@ def driven() -> Iterator[Driven]:
     engine = Counting(QUICK, heard)
     with running(engine.run):
         yield Driven(engine, heard)
-
-
-def map_reading(grid_map: GridMap) -> MapReading:
-    cells = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
-    return MapReading(
-        sender="amcl",
-        cell_m=grid_map.cell_m,
-        map_from_grid=grid_map.map_from_grid,
-        occupancy=ArrayBlob.of(cells, "int8"),
-    )
 
 
 def test_beliefs_are_those_of_the_library_bit_for_bit_through_live_settings(

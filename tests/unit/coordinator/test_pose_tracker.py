@@ -18,21 +18,15 @@ from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.unit.coordinator.reports import NO_SPREAD, scan
 from tests.unit.evaluation.places import outcome, place
+from tests.unit.filter.rooms import PERFECT_ODOMETRY
 
 MS, SECOND = 1_000_000, 1_000_000_000
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
 FACING_NORTH: PoseTuple = (2.0, 3.0, math.pi / 2)
-
-
 BRIDGE = BridgeSettings(gate_distance_m=0.2, gate_turn_rad=0.2)
-SURE = MotionSettings(
-    turn_noise_per_turn=0.0, turn_noise_per_metre=0.0, drive_noise_per_metre=0.0,
-    drive_noise_per_turn=0.0, strafe_noise_per_metre=0.0,
-)  # fmt: skip
-"""Odometry that never errs."""
 
 
-def new_tracker(motion: MotionSettings = SURE) -> PoseTracker:
+def new_tracker(motion: MotionSettings = PERFECT_ODOMETRY) -> PoseTracker:
     settings = CoordinatorSettings(stale_after_s=1.0, dead_reckoning_after_gates=5.0)
     return PoseTracker("coordinator", settings, DeadReckoning(motion, BRIDGE))
 
@@ -50,7 +44,9 @@ def answer(tracker: PoseTracker, now_s: float) -> PoseAnswer:
 
 
 def believed_at(
-    mean: PoseTuple = ORIGIN, odom_from_robot: PoseTuple = ORIGIN, motion: MotionSettings = SURE
+    mean: PoseTuple = ORIGIN,
+    odom_from_robot: PoseTuple = ORIGIN,
+    motion: MotionSettings = PERFECT_ODOMETRY,
 ) -> PoseTracker:
     """After a step at one second by the robot's clock, which arrived at 0."""
     tracker = new_tracker(motion)
@@ -75,21 +71,6 @@ def test_the_newest_odometry_carries_the_pose_forward() -> None:
     found = answer(tracker, 1)
     assert found.pose == pytest.approx((2.0, 4.0, math.pi / 2 + 0.5))
     assert found.stamp_ns == 2 * SECOND
-
-
-def test_covariances_are_moved_by_odometry_as_poses_are() -> None:
-    """Against a numeric derivative: obliquely, forward and sideways, from an oblique heading."""
-    odom_before, odom_after = (4.0, -2.0, 0.3), (5.5, -1.2, 0.9)
-    mean: PoseTuple = (2.0, 3.0, 0.7)
-    moved = between(np.array(odom_before), np.array(odom_after))
-    turned = [compose(np.array([2.0, 3.0, 0.7 + d]), moved) for d in (1e-6, -1e-6)]
-    by_heading = (turned[0] - turned[1]) / 2e-6
-    expected = NO_SPREAD[0] * (np.diag([1.0, 1.0, 0.0]) + np.outer(by_heading, by_heading))
-    tracker = believed_at(mean, odom_from_robot=odom_before)
-    tracker.odometry(2 * SECOND, odom_after, now_ns=SECOND)
-    covariance = answer(tracker, 1).covariance
-    assert covariance is not None
-    np.testing.assert_allclose(np.reshape(covariance, (3, 3)), expected, atol=1e-6 * NO_SPREAD[0])
 
 
 def test_old_data_is_stale_and_has_its_age() -> None:
