@@ -14,6 +14,7 @@ from clustermcl.protocol.errors import ClusterMclError, RecordingError
 from clustermcl.runtime.logs import configure_logging, is_quiet
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
+from tests.integration.system.commands import ran
 from tests.unit.recordings.bags import grid, scan, written
 
 ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]
@@ -119,10 +120,7 @@ def test_a_bag_has_its_map_and_of_two_scan_topics_one_must_be_named(tmp_path: Pa
 def test_an_unreachable_system_has_another_exit_code_than_wrong_usage(
     words: str, code: int, says: str
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-I", "-m", "clustermcl", *words.split()],
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
+    done = ran(*words.split())
     assert (done.returncode, done.stdout) == (code, "")
     assert says in done.stderr
     assert done.stderr.count("\n") == 1

@@ -153,6 +153,8 @@ def test_wrong_arguments_are_refused_in_a_sentence() -> None:
         mcl.set_pose(ZERO, covariance=np.eye(2))
     with pytest.raises(ValueError, match="the heading of mean is -90"):
         mcl.observe((0.0, 0.0, -90.0), np.eye(3))
+    with pytest.raises(ValueError, match="not positive definite"):
+        mcl.observe((1.0, 0.0), np.zeros((2, 2)))
     with pytest.raises(ValueError, match="robot_from_laser"):
         ClusterMCL(hall, robot_from_laser=(0.0, 0.0, 180.0))
     with pytest.raises(TypeError, match=r"update takes a Reading, not dict: \{'ranges"):

@@ -4,9 +4,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 from clustermcl.belief import bayes_update
@@ -37,13 +35,9 @@ def recording(model: SensorModel, tmp_path_factory: pytest.TempPathFactory) -> P
     """Ten steps, and five more of a second coordinator; a pose is given after the fourth."""
     folder = tmp_path_factory.mktemp("flight")
     living = Living(model, made=Recordings(folder).make)
-    for step in range(10):
-        living.drive(step)
-        if step == 3:
-            living.command(GIVEN)
-    living.revive()
-    for step in range(10, 15):
-        living.drive(step)
+    living.drive_on(4).command(GIVEN)
+    living.drive_on(10).revive()
+    living.drive_on(15)
     return folder
 
 
@@ -121,17 +115,13 @@ def test_a_file_of_the_recording_or_the_folder_above_will_do(
     assert run(tmp_path).stdout == whole
 
 
-def squared(
-    fits: NDArray[np.float64], through: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    return fits**2, through
-
-
 def test_a_belief_that_differs_has_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the filter had been changed since."""
-    monkeypatch.setattr(bayes_update, "decoded", lambda fits: squared(*decoded(fits)))
+    monkeypatch.setattr(
+        bayes_update, "decoded", lambda fits: (decoded(fits)[0] ** 2, decoded(fits)[1])
+    )
     result = run(recording)
     assert result.exit_code == 1
     assert "differs from the recorded belief" in result.stdout

@@ -15,9 +15,7 @@ from clustermcl.protocol.steps import Landmark
 from clustermcl.simulator.simulation import Simulation, Tick
 from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import (
-    CROSS,
     OFFICE,
-    TAGS,
     beliefs,
     driven,
     is_right,
@@ -54,15 +52,6 @@ def test_with_a_tenth_of_false_landmark_names_the_robot_is_rarely_sure_and_wrong
             wrong += belief.state == "localized" and not is_right(belief, tick)
     assert steps > 300
     assert wrong <= 0.005 * steps
-
-
-def test_an_impossible_observation_is_refused() -> None:
-    mcl = ClusterMCL(CROSS.map, landmarks=TAGS, settings=SMALL)
-    with pytest.raises(ValueError, match="not positive definite"):
-        mcl.observe((1.0, 0.0), np.zeros((2, 2)), landmark="east")
-    with pytest.warns(UserWarning, match="'south' by 'sensor'"):
-        mcl.observe((1.0, 0.0), np.eye(2), landmark="south")
-    assert mcl.dropped == {"unknown_landmark": 1}
 
 
 def tag_ahead(map_from_robot: PoseTuple) -> Landmark:

@@ -86,16 +86,6 @@ def test_a_beam_passes_the_pieces_in_front_of_the_robot_but_not_those_near_its_e
     np.testing.assert_array_equal(weights[along < 9.0] < without[along < 9.0], passed[along < 9.0])
 
 
-def test_a_memory_that_is_handed_on_continues_with_the_same_results() -> None:
-    _, _, pieces = after(Pieces(), WALL)
-    weights, _, later = after(pieces, WALL + 0.3)
-    again, _, same = after(
-        msgspec.json.decode(msgspec.json.encode(pieces), type=Pieces), WALL + 0.3
-    )
-    np.testing.assert_array_equal(again, weights)
-    assert same == later
-
-
 def test_the_memory_is_bounded_and_forgets_what_is_far() -> None:
     pieces = Pieces()
     line = np.column_stack((np.arange(600) * PIECE_M, np.zeros(600)))

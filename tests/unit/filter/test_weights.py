@@ -102,13 +102,9 @@ def test_a_position_beyond_the_weights_draws_the_last_weighted_particle(
 
 
 def test_invalid_weights_and_counts_are_refused() -> None:
-    rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match="no weight"):
-        resample(np.full(3, -np.inf), 3, rng)
-    with pytest.raises(ValueError, match="log-weight"):
-        resample(np.array([0.0, np.nan]), 3, rng)
-    with pytest.raises(ValueError, match="count"):
-        resample(np.zeros(3), 0, rng)
+    for weights, count, problem in ((NOTHING, 3, "no weight"), (np.zeros(3), 0, "count")):
+        with pytest.raises(ValueError, match=problem):
+            resample(weights, count, np.random.default_rng(0))
 
 
 def test_thinning_keeps_heavy_particles_and_the_sum_of_weights() -> None:

@@ -79,9 +79,7 @@ def test_a_recorded_step_shows_the_frames_of_the_live_page(file: Path, step: int
 
 def test_a_flight_recording_is_shown_from_file_to_file(tmp_path: Path) -> None:
     """Of 30 steps in a room with two places that look alike, in several files."""
-    living = Living(symmetric_room(), made=Recordings(tmp_path, 1_000_000).make)
-    for step in range(30):
-        living.drive(step)
+    Living(symmetric_room(), made=Recordings(tmp_path, 1_000_000).make).drive_on(30)
     assert len(list(tmp_path.iterdir())) > 1
     flight = read(RecordedRun(tmp_path))
     history = flight.picture.everything()["history"]

@@ -25,6 +25,7 @@ from tests.unit.evaluation.places import place
 SETTINGS = FilterSettings()
 CROSS = world("cross_feature")
 MODEL = computed_model(CROSS.map.grid, SETTINGS.sensor)
+EQUAL_ARMS = computed_model(world("cross").map.grid, SETTINGS.sensor)
 FLAT = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001)
 
 
@@ -62,9 +63,8 @@ def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
 
 
 def test_equal_arms_of_a_cross_cannot_be_distinguished() -> None:
-    equal = computed_model(world("cross").map.grid, SETTINGS.sensor)
     arms = question((0.0, 5.0, 1.57), (5.0, 0.0, 0.0), (0.0, -5.0, -1.57), (-5.0, 0.0, 3.14))
-    assert "cannot be distinguished" in advice(arms, SCAN, equal, SETTINGS, "worker-0").note
+    assert "cannot be distinguished" in advice(arms, SCAN, EQUAL_ARMS, SETTINGS, "worker-0").note
 
 
 def test_without_a_second_place_a_note_has_the_reason() -> None:
@@ -80,9 +80,8 @@ def test_from_a_probable_elsewhere_a_note_says_so() -> None:
 
 
 def test_places_in_walls_have_no_common_way() -> None:
-    equal = computed_model(world("cross").map.grid, SETTINGS.sensor)
     asked = question((5.0, 5.0, 0.0), (-5.0, -5.0, math.pi))
-    reported = advice(asked, SCAN, equal, SETTINGS, "worker-0")
+    reported = advice(asked, SCAN, EQUAL_ARMS, SETTINGS, "worker-0")
     assert reported.ways == ()
     assert reported.note == "no ground is free at all 2 places"
 

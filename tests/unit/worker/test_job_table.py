@@ -2,9 +2,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.filter.arrays import OCCUPIED
-from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.sensor_model import SensorModel, computed_model
+from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
@@ -13,6 +11,7 @@ from clustermcl.protocol.steps import KEPT_STEPS, Scan
 from clustermcl.worker.job_table import KEPT_SEARCH_STEPS, JobTable, RecentReports
 from clustermcl.worker.search_queue import LONGEST_NS, SearchPause
 from tests.unit.coordinator import reports
+from tests.unit.filter.rooms import model_of, plain_room
 
 SETTINGS = FilterSettings(
     cluster=ClusterSettings(particles=100),
@@ -22,10 +21,7 @@ SETTINGS = FilterSettings(
 
 @pytest.fixture(scope="module")
 def model() -> SensorModel:
-    cells = np.zeros((60, 80), np.int8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
-    cells[20:30, 40:45] = OCCUPIED
-    return computed_model(Grid(cells, 0.1, np.zeros(3)), SETTINGS.sensor)
+    return model_of(plain_room(), SETTINGS.sensor)
 
 
 def scan(step: int) -> Scan:

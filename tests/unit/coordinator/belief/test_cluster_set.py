@@ -193,19 +193,15 @@ def test_a_wrong_place_does_not_hide_how_much_the_right_one_explains() -> None:
     assert made.learned.evidence_among(made.best.familiarity) > 0.5
 
 
-@pytest.mark.parametrize("beams", [None, np.full(3, 0.5)])
+@pytest.mark.parametrize(
+    ("fits", "beams"), [(FITS, None), (FITS, np.full(3, 0.5)), ({**FITS, "c1": (1.0,)}, NEW)]
+)
 def test_a_scan_whose_beams_are_unknown_separates_no_places(
-    beams: NDArray[np.float64] | None,
+    fits: dict[str, tuple[float, ...]], beams: NDArray[np.float64] | None
 ) -> None:
-    """The report of elsewhere was lost, or is of another scan."""
+    """The report of elsewhere was lost or is of another scan, or a place has other beams."""
     made = first(0.6, 0.4, piece_evidence=2.0, kidnapping_probability=1e-9)
-    weigh(made, with_fits(FITS), elsewhere(1, -1.0), beams=beams)
-    assert probabilities(made) == pytest.approx([0.6, 0.4, 0.0], abs=1e-6)
-
-
-def test_a_place_with_other_beams_keeps_its_probability() -> None:
-    made = first(0.6, 0.4, piece_evidence=2.0, kidnapping_probability=1e-9)
-    weigh(made, with_fits({**FITS, "c1": (1.0,)}), beams=NEW)
+    weigh(made, with_fits(fits), elsewhere(1, -1.0), beams=beams)
     assert probabilities(made) == pytest.approx([0.6, 0.4, 0.0], abs=1e-6)
 
 

@@ -67,13 +67,9 @@ def test_places_that_a_shard_without_weight_left_out_are_not_used(
     """The least gap of those that have found something: a search ends when it is large."""
     pool = SearchPool(("s0.0", "s0.1", "s0.2"), 0)
     for shard, (evidence, left_out) in enumerate([(1.0, 9.0), (weight, 1.0), (1.0, 7.0)]):
-        log_evidence = math.log(evidence)
-        report = searched(
-            f"s0.{shard}", 0, {NORTH: 1.0}, log_evidence=log_evidence, left_out_gap=left_out
-        )
-        pool.add(report)
-    pooled = pool.pooled(RULES)
-    assert pooled.left_out_gap == gap
+        how = {"log_evidence": math.log(evidence), "left_out_gap": left_out}
+        pool.add(searched(f"s0.{shard}", 0, {NORTH: 1.0}, **how))
+    assert pool.pooled(RULES).left_out_gap == gap
 
 
 def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
@@ -84,12 +80,10 @@ def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
         for shard in range(2):
             pool.add(searched(f"s0.{shard}", step, {NORTH: 1.0}))
     pool.add(searched("s0.0", 6, {NORTH: 1.0}))
-    newest = pool.pooled(RULES)
-    assert newest.step == 5
+    assert pool.pooled(RULES).step == 5
     assert pool.pooled(RULES) is None, "once is enough"
     pool.add(searched("s0.1", 6, {NORTH: 1.0}))
-    newest = pool.pooled(RULES)
-    assert newest.step == 6
+    assert pool.pooled(RULES).step == 6
 
 
 def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
@@ -109,9 +103,7 @@ def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
         pool.add(searched("s0.1", step, {NORTH: 1.0}))
     pool.add(searched("s0.0", 3 * ahead, {NORTH: 1.0}))
     pool.add(searched("s0.1", 3 * ahead, {NORTH: 1.0}))
-    found = pool.pooled(RULES)
-    assert found is not None
-    assert found.step == 3 * ahead
+    assert pool.pooled(RULES).step == 3 * ahead
 
 
 @pytest.mark.parametrize(("patient", "over"), [(True, [False, False, True]), (False, [True] * 3)])
@@ -122,9 +114,7 @@ def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
     ended = []
     for step in (12, 20, 21):
         pool.add(searched("s0.0", step, {NORTH: 0.4, SOUTH: 0.3, (9.0, 0.0, 0.0): 0.3}))
-        found = pool.pooled(RULES)
-        assert found is not None
-        ended.append(pool.finished(found, settings, patient=patient))
+        ended.append(pool.finished(pool.pooled(RULES), settings, patient=patient))
     assert ended == over
 
 
