@@ -4,10 +4,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.settings import (
-    ClusterSettings,
-    FilterSettings,
-)
+from clustermcl.filter.settings import ClusterSettings, FilterSettings
 from clustermcl.jobs.jobs import RunningJob, Tracking, running
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
@@ -113,20 +110,16 @@ ALWAYS = replace(SETTINGS, cluster=ClusterSettings(particles=100, resample_below
 """Each step resamples."""
 
 
-def test_another_number_of_particles_holds_from_its_step_on(model: SensorModel) -> None:
+@pytest.mark.parametrize("other", [25, 400])
+def test_another_number_of_particles_holds_from_its_step_on_also_of_a_cluster_handed_over(
+    model: SensorModel, other: int
+) -> None:
     job = begun("c0", model, ALWAYS)
     assert isinstance(job, Tracking)
-    job.size = 25, 4
-    assert sizes(job, range(1, 7)) == [100, 100, 100, 25, 25, 25]
-
-
-def test_a_cluster_handed_over_before_it_grows_grows_at_the_same_step(model: SensorModel) -> None:
-    job = begun("c0", model, ALWAYS)
-    assert isinstance(job, Tracking)
-    job.size = 400, 5
+    job.size = other, 5
     sizes(job, range(1, 4))
     again = running(job.handed_on(), model, ALWAYS, sender="v")
-    assert sizes(job, range(4, 8)) == sizes(again, range(4, 8)) == [100, 400, 400, 400]
+    assert sizes(job, range(4, 8)) == sizes(again, range(4, 8)) == [100, other, other, other]
     np.testing.assert_array_equal(poses_of(job), poses_of(again))
 
 
