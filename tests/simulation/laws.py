@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING
 from clustermcl.coordinator import events
 from clustermcl.coordinator.checkpoint import state_in
 from clustermcl.coordinator.coordinator import Coordinator, Started
-from clustermcl.coordinator.instructions import (
-    Instruction,
-    SendOrder,
-)
+from clustermcl.coordinator.instructions import Instruction, SendOrder
 from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.coordinator.step_collector import ReadyStep
 from clustermcl.protocol.answers import Belief, PoseAnswer

@@ -16,15 +16,7 @@ from tests.integration.view.page import Page, press, problems
 from tests.integration.view.stage import Stage
 from tests.integration.waiting import wait_until
 from tests.unit.coordinator.reports import particles
-from tests.unit.view.messages import (
-    belief,
-    events,
-    hypothesis,
-    pose,
-    scan,
-    simulator,
-    status,
-)
+from tests.unit.view.messages import belief, events, hypothesis, pose, scan, simulator, status
 
 pytestmark = pytest.mark.browser
 

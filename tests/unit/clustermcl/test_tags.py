@@ -14,14 +14,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Landmark
 from clustermcl.simulator.simulation import Simulation, Tick
 from tests.integration.system.conftest import SMALL
-from tests.unit.clustermcl.tags import (
-    OFFICE,
-    beliefs,
-    driven,
-    is_right,
-    observe,
-    sight,
-)
+from tests.unit.clustermcl.tags import OFFICE, beliefs, driven, is_right, observe, sight
 
 TICKS = 400
 SEEDS = range(8)

@@ -15,12 +15,7 @@ from clustermcl.filter.laser.evidence_model import share_by_fit
 from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import ClusterSettings, SensorSettings
-from tests.unit.filter.rooms import (
-    PERFECT_ODOMETRY,
-    model_of,
-    plain_room,
-    seen_from,
-)
+from tests.unit.filter.rooms import PERFECT_ODOMETRY, model_of, plain_room, seen_from
 
 HERE, NO_WAY = np.array([1.0, 3.0, 0.3]), np.zeros(3)
 

@@ -5,11 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clustermcl.filter.laser.evidence_model import (
-    UsualFit,
-    share_by_fit,
-    short_beam_gain,
-)
+from clustermcl.filter.laser.evidence_model import UsualFit, share_by_fit, short_beam_gain
 from clustermcl.filter.settings import SensorSettings
 
 

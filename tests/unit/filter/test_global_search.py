@@ -7,11 +7,7 @@ import pytest
 
 from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells, Pose
 from clustermcl.filter.laser.beam_fits import beam_fits, decoded
-from clustermcl.filter.laser.evidence_model import (
-    THROUGH_WEIGHT,
-    scan_exponent,
-    through_beam_loss,
-)
+from clustermcl.filter.laser.evidence_model import THROUGH_WEIGHT, scan_exponent, through_beam_loss
 from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.observations.fixes import PoseFix
 from clustermcl.filter.observations.kind import NO_LANDMARKS
@@ -20,12 +16,7 @@ from clustermcl.filter.search.global_search import GlobalSearch
 from clustermcl.filter.search.places import FoundPlace
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from clustermcl.filter.slices import finished
-from tests.unit.filter.rooms import (
-    model_of,
-    plain_room,
-    seen_from,
-    symmetric_room,
-)
+from tests.unit.filter.rooms import model_of, plain_room, seen_from, symmetric_room
 
 START = np.array([1.0, 3.2, -0.4])
 LITERAL = BeliefSettings(piece_evidence=0.0)

@@ -7,10 +7,7 @@ from scipy.ndimage import distance_transform_edt
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.likelihood_field import (
-    LikelihoodField,
-    scan_log_likelihood,
-)
+from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SensorSettings
 from tests.unit.filter import naive

@@ -5,11 +5,7 @@ import pytest
 
 from clustermcl.filter.cluster.gaussian import fit_gaussian
 from clustermcl.filter.motion.model import move, standard_normals
-from clustermcl.filter.motion.noise import (
-    composed_covariance,
-    motion_covariance,
-    turn_drive_turn,
-)
+from clustermcl.filter.motion.noise import composed_covariance, motion_covariance, turn_drive_turn
 from clustermcl.filter.settings import MotionSettings
 
 OMNI = MotionSettings(strafe_noise_per_metre=0.25)

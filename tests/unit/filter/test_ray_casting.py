@@ -7,12 +7,7 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Cells
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.ray_casting import (
-    cast_ray,
-    cast_rays_from_poses,
-    flat,
-    jump_field,
-)
+from clustermcl.filter.laser.ray_casting import cast_ray, cast_rays_from_poses, flat, jump_field
 from clustermcl.filter.poses import compose
 from tests.unit.filter import naive_rays
 from tests.unit.filter.naive_rays import cast_rays

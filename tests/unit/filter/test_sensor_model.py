@@ -21,13 +21,7 @@ from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import SensorSettings
 from tests.unit.filter import naive
 from tests.unit.filter.naive_rays import cast_rays
-from tests.unit.filter.rooms import (
-    CELL_M,
-    NO_OFFSET,
-    model_of,
-    plain_room,
-    scan_of,
-)
+from tests.unit.filter.rooms import CELL_M, NO_OFFSET, model_of, plain_room, scan_of
 
 FEW = SensorSettings(max_range_m=10.0, max_beams=4)
 FIELD = model_of(plain_room(), FEW)

@@ -25,11 +25,7 @@ from clustermcl.protocol.steps import (
     PositionField,
     Seen,
 )
-from clustermcl.sensor_bridge.pending_observations import (
-    MAX_NAT,
-    MAX_WAITING,
-    PendingObservations,
-)
+from clustermcl.sensor_bridge.pending_observations import MAX_NAT, MAX_WAITING, PendingObservations
 from clustermcl.sensor_bridge.sources import LEAST_OUTLIER_PROBABILITY, NEW_SENDERS
 
 SECOND = 1_000_000_000

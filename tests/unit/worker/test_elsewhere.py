@@ -14,14 +14,7 @@ from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.steps import Seen
 from clustermcl.protocol.work import Assignment, ElsewhereJob
-from tests.unit.oracle.tiny_world import (
-    CELL_M,
-    SENSOR,
-    TRUTH,
-    Drive,
-    plain_room,
-    settings,
-)
+from tests.unit.oracle.tiny_world import CELL_M, SENSOR, TRUTH, Drive, plain_room, settings
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,7 @@ from clustermcl.jobs.jobs import running
 from clustermcl.protocol.errors import MalformedMessageError, UnreachableError
 from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import MapMessage, Scan
-from clustermcl.protocol.work import (
-    Assignment,
-    OrderAnswer,
-    Report,
-    TakeOver,
-)
+from clustermcl.protocol.work import Assignment, OrderAnswer, Report, TakeOver
 from clustermcl.worker.job_table import MissingScans
 from clustermcl.worker.worker import (
     HISTORY_TIMEOUT_S,

@@ -10,13 +10,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from clustermcl.belief.bayes_update import weigh
-from clustermcl.belief.cluster_set import (
-    ESTABLISHED,
-    LEAST_LOG,
-    Candidate,
-    ClusterSet,
-    Given,
-)
+from clustermcl.belief.cluster_set import ESTABLISHED, LEAST_LOG, Candidate, ClusterSet, Given
 from clustermcl.belief.familiarity import CHANCE, Familiarity
 from clustermcl.filter.laser.evidence_model import LARGE_FALL, scan_exponent, through_beam_loss
 from clustermcl.filter.settings import FilterSettings, SensorSettings

@@ -8,10 +8,7 @@ from clustermcl.belief.cluster_set import Cluster, ClusterSet, Given
 from clustermcl.belief.decoy import DECOYS, PATIENCE, SCANS, Decoy
 from clustermcl.belief.explained import NO_PLACE
 from clustermcl.belief.search_course import SearchCourse
-from clustermcl.filter.settings import (
-    FilterSettings,
-    SearchSettings,
-)
+from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.work import SearchReport, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, searched, tracked
 

@@ -11,12 +11,7 @@ from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.pose_arrays import pose_tuple
-from tests.unit.coordinator.belief.test_ensemble import (
-    NORTH,
-    SOUTH,
-    bootstrapped,
-    probabilities,
-)
+from tests.unit.coordinator.belief.test_ensemble import NORTH, SOUTH, bootstrapped, probabilities
 from tests.unit.coordinator.reports import elsewhere, found_places, resumed, searched, tracked
 
 RULES = SearchSettings()
