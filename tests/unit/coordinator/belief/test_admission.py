@@ -12,9 +12,7 @@ from clustermcl.belief.admission import (
     log_weight_of_held,
 )
 from clustermcl.belief.cluster_set import Cluster, ClusterSet
-from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.search_pool import Pool
-from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_tuple
@@ -202,18 +200,3 @@ def test_the_weight_of_the_search_that_found_the_clusters_is_that_of_the_cluster
     assert weight == pytest.approx(math.log(0.8))
     assert log_weight_of_held(found, [(LEAST, 1.0)], SETTINGS.search) is None
     assert log_weight_of_held(pool(), held, SETTINGS.search) is None
-
-
-def test_particles_of_a_given_pose_have_its_mean_and_covariance() -> None:
-    spread = np.array([[0.5, 0.1, 0.0], [0.1, 0.2, 0.03], [0.0, 0.03, 0.04]])
-    made = candidate(
-        0.1, (3.0, -2.0, 0.5), covariance_tuple(spread),
-        seed=0, purpose=Purpose.GIVEN_POSE, entity=0, step=4, odom_from_robot=HELD[0],
-    ).sample  # fmt: skip
-    poses = made.map_from_robot.array()
-    sigma = np.sqrt(np.diag(spread))
-    # 1,000 points: means to 0.03 deviations, covariances to 0.05; five times that.
-    assert np.all(np.abs(poses.mean(axis=0) - (3.0, -2.0, 0.5)) < 0.16 * sigma)
-    assert np.all(np.abs(np.cov(poses.T) - spread) < 0.23 * np.outer(sigma, sigma))
-    assert np.all(made.log_weights.array() == 0.0)
-    assert diagonal(0.3, 0.2) == pytest.approx((0.09, 0, 0, 0, 0.09, 0, 0, 0, 0.04))

@@ -135,17 +135,6 @@ def test_a_search_is_compared_with_clusters_moved_by_odometry(
     assert not outcome.searching
 
 
-def test_a_cluster_without_a_report_moves_with_the_odometry() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
-    x_m, y_m, heading = NORTH
-    assert heading == 0.0
-    ahead = np.array([0.5, 0.0, 0.1])
-    outcome = made.advance(1, [tracked("c1", 1, 0.1, SOUTH)], ahead)
-    means = {h.cluster: h.pose for h in outcome.hypotheses}
-    assert means[0] == pytest.approx((x_m + 0.5, y_m, 0.1))
-    assert means[1] == SOUTH
-
-
 def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
     made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])

@@ -7,7 +7,7 @@ import pytest
 from clustermcl.belief.admission import first_admission
 from clustermcl.belief.cluster_set import Candidate, ClusterSet
 from clustermcl.belief.ensemble import Ensemble
-from clustermcl.belief.given_places import candidate
+from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.search_pool import Pool
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, SearchSettings
@@ -29,18 +29,21 @@ def shares(candidates: Sequence[Candidate]) -> list[float]:
 
 def test_the_particles_of_a_given_place_are_those_of_its_covariance_and_its_step() -> None:
     covariance = (4.0, 1.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.09)
-    before, first, later = (
+    samples = [
         candidate(
             0.5, (5.0, 2.0, 1.0), covariance, seed=0, purpose=Purpose.GIVEN_POSE, entity=1,
             step=step, odom_from_robot=ORIGIN,
-        ).sample.map_from_robot.array()
+        ).sample
         for step in (-1, 0, 3)
-    )  # fmt: skip
+    ]  # fmt: skip
+    before, first, later = (sample.map_from_robot.array() for sample in samples)
+    assert np.all(samples[0].log_weights.array() == 0.0)
     np.testing.assert_array_equal(before, first)
     assert not np.intersect1d(first, later).size
     # Of a thousand, a variance is known to 4.5 % (1 sigma).
     np.testing.assert_allclose(np.cov(later.T).ravel(), covariance, rtol=0.2, atol=0.1)
     np.testing.assert_allclose(later.mean(axis=0), (5.0, 2.0, 1.0), atol=0.25)
+    assert diagonal(0.3, 0.2) == pytest.approx((0.09, 0, 0, 0, 0.09, 0, 0, 0, 0.04))
 
 
 def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
