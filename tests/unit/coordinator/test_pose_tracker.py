@@ -188,16 +188,6 @@ def test_without_workers_the_pose_is_dead_reckoning_and_without_data_stale() -> 
     assert tracker.answer(3 * SECOND, workers=0).freshness == "stale"
 
 
-def test_a_live_robots_stamps_show_the_age_of_a_fetched_scan() -> None:
-    tracker = new_tracker()
-    tracker.scan(scan_at(100, live=True), 0)
-    odometry(tracker, 103, 0.5, now_s=3)
-    tracker.scan(scan_at(101, 0.2, live=True), 3 * SECOND)
-    assert answer(tracker, 3).scan_age_s == -1.0
-    tracker.weighed(scan_at(101, 0.2))
-    assert answer(tracker, 4).scan_age_s == 3.0
-
-
 def test_a_fetched_scan_alone_leaves_the_pose_stale() -> None:
     tracker = new_tracker()
     assert not tracker.is_age_guessed, "nothing has arrived"
