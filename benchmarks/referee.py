@@ -1,6 +1,6 @@
 """One battery, one scorer, one table: are changes of the belief good for a robot?
 
-    python -m benchmarks.referee [--small] [--rows NAME]... [--draw NAME] [--set KEY=VALUE]...
+    python -m benchmarks.referee [--small] [--maps] [--rows NAME]... [--draw NAME]
 
 The folder of recordings is that of CLUSTERMCL_DATA. Each row is a kind of trial, such as "moved
 20 %": robots of several buildings whose map has aged. Ordinary and augmented MCL with 2,000
@@ -27,7 +27,7 @@ import typer
 
 from benchmarks.experiments import mcl
 from benchmarks.experiments.catalogue import DATA_VARIABLE
-from benchmarks.referee_robots import Trial, battery, begun
+from benchmarks.referee_robots import Trial, battery, begun, in_maps
 from clustermcl.belief.given_places import candidate, diagonal
 from clustermcl.belief.outcome import BEFORE_FIRST_STEP, Outcome
 from clustermcl.evaluation.measures import LEAST_PROBABILITY, StepFacts, facts_of
@@ -201,6 +201,7 @@ def row_of(scores: Sequence[Score], *, on_map: bool) -> str:
 def main(
     *,
     small: bool = False,
+    maps: Annotated[bool, typer.Option(help="Only robots in buildings known by a map.")] = False,
     rows: Annotated[list[str], typer.Option(help="Part of a row's name and its robot.")] = [],  # noqa: B006
     draw: Annotated[str, typer.Option(help="Draw other changes of the maps.")] = "",
     algorithms: str = ",".join(ALGORITHMS),
@@ -212,7 +213,7 @@ def main(
     """Print a Markdown table: sr / sw / lost (right), tracked at the end, log score, RMSE."""
     named = os.environ.get(DATA_VARIABLE)
     data = Path(named) if named else None
-    drawn = (replace(trial, draw=draw) for trial in battery(small=small))
+    drawn = (replace(trial, draw=draw) for trial in (in_maps if maps else battery)(small=small))
     trials = [t for t in drawn if not rows or any(name in t.name for name in rows)]
     names = algorithms.split(",")
     tasks = list(itertools.product(trials, names))
