@@ -284,8 +284,7 @@ class Ensemble(Part, kw_only=True):
         is_over = self.search.is_over(fresh, self.clusters)
         if len(self.clusters):
             then, first_step = self.search.means[fresh.step], self.search.first_step
-            held = self.clusters
-            found = admission(fresh, held, then, first_step, "restart", is_over=is_over)
+            found = admission(fresh, self.clusters, then, first_step, "restart", is_over=is_over)
         else:
             found = first_admission(fresh, self.prior_pose, self.clusters)
             self.prior_pose = None if found.entering else self.prior_pose

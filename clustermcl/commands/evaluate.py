@@ -170,12 +170,13 @@ def evaluate(
 
 
 def _check_files(files: Mapping[str, Path | None], runs: int) -> None:
-    for (option, file), ending in zip(files.items(), (".csv", ".tum", ".png"), strict=True):
-        if file is not None and runs > 1 and option != "--output":
+    for option, ending in (("--output", ".csv"), ("--tum", ".tum"), ("--plot", ".png")):
+        if (file := files[option]) is None:
+            continue
+        if runs > 1 and option != "--output":
             problem = "a file has one run; leave out --seeds and --starts"
             raise SettingsError(f"{option} {file}: {problem}")
-        if file is not None:
-            check_output_file(file, ending)
+        check_output_file(file, ending)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
