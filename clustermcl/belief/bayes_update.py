@@ -117,8 +117,8 @@ class _Update:
     @cached_property
     def _explained(self) -> dict[int, Explained]:
         """What each place explains of the new beams; see `explains`."""
-        reports = enumerate(self._reports)
-        return {i: found for i, r in reports if r and (found := explains(r, self._beams))}
+        beams, sharpness, reports = self._beams, self._held.sharpness, enumerate(self._reports)
+        return {i: found for i, r in reports if r and (found := explains(r, beams, sharpness))}
 
     def among_clusters(self, among: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Update (K,) log probabilities among the clusters; also return the scan's likelihood."""
@@ -184,12 +184,12 @@ class _Update:
         return here - other
 
     def missed(self, among: NDArray[np.float64]) -> float:
-        """Return by how much more beams are through walls than explained, at the clusters."""
+        """Return by how much more beams are through walls than near obstacles, at the clusters."""
         found = self._explained
         if not found:
             return 0.0
         share = np.exp(belief.normalised_logs(among[list(found)]))
-        each = [place.through - place.clear for place in found.values()]
+        each = [place.through - place.near for place in found.values()]
         return self._per_piece * float(share @ each)
 
     def follow_fit(self, log_scan: float, log_best: float) -> None:

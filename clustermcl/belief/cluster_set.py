@@ -18,7 +18,7 @@ from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.gaussian import share_near_mean
-from clustermcl.filter.laser.evidence_model import LARGE_FALL, UsualFit
+from clustermcl.filter.laser.evidence_model import LARGE_FALL, UsualFit, through_beam_loss
 from clustermcl.filter.motion.noise import motion_covariance
 from clustermcl.filter.settings import BeliefSettings, FilterSettings
 from clustermcl.protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
@@ -168,6 +168,12 @@ class ClusterSet(Part):
         """Evidence of a piece of wall that fits, against one that does not [nat]."""
         least = self.rules.piece_evidence
         return max(least, self.learned.probable.evidence) if least else 0.0
+
+    @property
+    def sharpness(self) -> float:
+        """How sharply beams fit (`explains`): the less, the more the building has changed [nat]."""
+        in_front = 1.0 - self.learned.behind(self.piece_evidence)
+        return in_front * through_beam_loss(self.settings.sensor)
 
     @property
     def best(self) -> Cluster:

@@ -40,7 +40,11 @@ class Decoy(Part):
         return tuple(place.job_id for place in self.places)
 
     def explains(
-        self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64], unit: float
+        self,
+        reports: Mapping[str, TrackReport],
+        beams: NDArray[np.float64],
+        unit: float,
+        sharpness: float,
     ) -> float | None:
         """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
 
@@ -48,7 +52,9 @@ class Decoy(Part):
         `NO_PLACE` of them. One that explains more counts more from then on.
         """
         found = [(place, reports.get(place.job_id)) for place in self.places]
-        told = [(place, r, each) for place, r in found if r and (each := explains(r, beams))]
+        told = [
+            (place, r, each) for place, r in found if r and (each := explains(r, beams, sharpness))
+        ]
         if not told:
             return None
         rest = max(1.0 - math.fsum(place.probability for place, _, _ in told), LEAST_REST)

@@ -244,7 +244,7 @@ class Ensemble(Part, kw_only=True):
         if elsewhere is not None and elsewhere.seen is not None:
             beams, share, self.pieces = self.pieces.after(elsewhere.seen.array())
             unseen = share if per_piece else None
-            decoy = self.decoy.explains(tracks, beams, per_piece)
+            decoy = self.decoy.explains(tracks, beams, per_piece, self.clusters.sharpness)
         weigh(
             self.clusters,
             tracks,

@@ -77,9 +77,9 @@ class Learned(msgspec.Struct, frozen=True):
 
         At a wrong place most of what is new fits only behind mapped walls; at the right one, only
         where the building has changed. So it is 1 where the probable places explain no more than
-        half of what is new in front of walls.
+        half of what is new in front of walls, and where pieces are no evidence.
         """
-        return max(1.0 - self.in_front.evidence / piece_evidence, 0.0)
+        return max(1.0 - self.in_front.evidence / piece_evidence, 0.0) if piece_evidence else 1.0
 
     def after(self, new: float, found: Sequence[tuple[float, Explained, bool]]) -> "Learned":
         """Return what is known after a scan.

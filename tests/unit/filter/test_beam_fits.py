@@ -2,14 +2,18 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from clustermcl.belief.explained import explains
 from clustermcl.filter.arrays import OCCUPIED, Cells
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_fits import BESIDE_RAD, THROUGH_M, beam_fits, decoded
+from clustermcl.filter.laser.evidence_model import through_beam_loss
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
 from clustermcl.filter.laser.sensor_model import Beams, computed_model
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import SensorSettings
+from tests.unit.coordinator.reports import tracked
 from tests.unit.filter.naive_rays import cast_ray
 from tests.unit.filter.rooms import plain_room
 
@@ -29,10 +33,13 @@ def grid(cells: Cells) -> Grid:
     return Grid(cells, CELL_M, np.zeros(3))
 
 
-def seen(cells: Cells, *ranges: float) -> tuple[list[float], list[bool]]:
+def fits_of(cells: Cells, sensor: SensorSettings, *ranges: float) -> bytes:
     beams = Beams(np.array(ranges), np.zeros(len(ranges)), np.zeros(3))
-    model = computed_model(grid(cells), SensorSettings())
-    fits, through = decoded(beam_fits(MIDDLE, beams, model, mirrored=False))
+    return beam_fits(MIDDLE, beams, computed_model(grid(cells), sensor), mirrored=False)
+
+
+def seen(cells: Cells, *ranges: float) -> tuple[list[float], list[bool]]:
+    fits, through = decoded(fits_of(cells, SensorSettings(), *ranges))
     return fits.tolist(), through.tolist()
 
 
@@ -54,6 +61,31 @@ def test_a_beam_fits_by_the_distance_of_its_end_from_an_obstacle(
     found, passed = seen(room(), range_m)
     assert fits[0] <= found[0] <= fits[1]
     assert passed == [through]
+
+
+@pytest.mark.parametrize("sigma_m", [0.15, 0.01])
+def test_at_full_sharpness_a_beam_explains_by_the_likelihood_of_its_distance(
+    sigma_m: float,
+) -> None:
+    """Half a bit of its fit is some 0.02 of it."""
+    sensor = SensorSettings(hit_sigma_m=sigma_m)
+    for ahead_m in (0.0, 0.1, 0.2, 0.3, 1.0):
+        fits = fits_of(room(), sensor, AHEAD_M - ahead_m)
+        report = replace(tracked("c0", 1, 1.0, (5.0, 5.0, 0.0)), fits=fits)
+        found = explains(report, np.ones(1), through_beam_loss(sensor))
+        assert found is not None
+        assert found.clear == found.fitting
+        assert found.clear == pytest.approx(math.exp(-0.5 * (ahead_m / sigma_m) ** 2), abs=0.02)
+
+
+@pytest.mark.parametrize("sharpness", [0.0, 1e-12, 1.0, 700.0, 1e6])
+def test_a_beam_explains_at_most_itself_however_sharply_it_fits(sharpness: float) -> None:
+    report = tracked("c0", 1, 1.0, (5.0, 5.0, 0.0), fits=[0.0, 0.5, 1.0])
+    found = explains(report, np.array([0.25, 1.0, 0.5]), sharpness)
+    assert found is not None
+    half = 64 / 127 if sharpness < 1.0 else 1.0 / (1.0 + math.exp(min(sharpness, 700.0) * 63 / 127))
+    assert found.fitting == pytest.approx(0.5 + half, abs=0.01)
+    assert found.near == pytest.approx(0.5 + 64 / 127)
 
 
 def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -> None:

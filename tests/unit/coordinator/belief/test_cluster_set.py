@@ -129,13 +129,18 @@ def with_fits(
     }
 
 
+def half_fit(made: ClusterSet) -> float:
+    """What a beam explains whose log-likelihood is half of that of one on an obstacle."""
+    return math.expm1(made.sharpness * 64 / 127) / math.expm1(made.sharpness)
+
+
 def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
     """Not by those that have counted, and beams through walls are only misses."""
     made = first(0.6, 0.4, piece_evidence=2.0)
-    unit = made.learned.evidence_among(made.best.familiarity)
+    unit, half = made.learned.evidence_among(made.best.familiarity), half_fit(made)
     weigh(made, with_fits(FITS), beams=NEW)
     one, other, _ = probabilities(made)
-    gained = unit * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
+    gained = unit * (0.5 * 1.0 + 0.25 * half - 0.5 * half - 0.25 * half)
     assert math.log(one / other) == pytest.approx(math.log(1.5) + gained, abs=0.01)
 
 
@@ -143,28 +148,28 @@ def test_how_well_the_map_explains_new_beams_is_learned() -> None:
     made = first(0.75, 0.25, piece_evidence=2.0, kidnapping_probability=0.0)
     expected, others = Familiarity(), made.learned.others
     equal = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (1.0, 0.5, 1.0, 0.0)}
+    explained = 0.5 + 0.25 * half_fit(made)
     weigh(made, with_fits(equal), beams=NEW)
-    explained = 0.5 + 0.25 * 64 / 127
     learned = [
         made.learned.probable,
         *(cluster.familiarity for cluster in made.all()),
         made.learned.others,
     ]
     expected = [
-        expected.after(1.0, explained), expected.after(1.0, 0.5 + 0.25 * 64 / 127),
-        expected.after(1.0, 0.5 + 0.25 * 64 / 127), others.after(0.25, 0.25 * explained),
-    ]  # fmt: skip
+        *[expected.after(1.0, explained)] * 3,
+        others.after(0.25, 0.25 * explained),
+    ]
     for one, other in zip(learned, expected, strict=True):
         assert one.share == pytest.approx(other.share)
         assert one.new == pytest.approx(other.new)
 
 
-@pytest.mark.parametrize(("other", "lost"), [(0.5, 0.0), (0.9, CHANCE)])
+@pytest.mark.parametrize(("other", "lost"), [(0.5, 0.0), (0.97, CHANCE)])
 def test_a_piece_counts_less_where_places_explain_the_same(other: float, lost: float) -> None:
     """In a changed building, which of two rooms alike explains more is chance."""
     made = first(0.5, 0.5, piece_evidence=0.7, kidnapping_probability=1e-9)
     for _ in range(1_000):
-        alike = {"c0": (0.9,) * 4, "c1": (other,) * 4}
+        alike = {"c0": (0.97,) * 4, "c1": (other,) * 4}
         weigh(made, with_fits(alike), beams=NEW)
         made.set_log_probabilities(np.log([0.4995, 0.4995, 0.0005, 0.0005]))
     best = made.best.familiarity.evidence

@@ -76,11 +76,11 @@ def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> No
     reported = {job: tracked(job, step, 1.0, at, fits=each) for job, each in fits.items()}
     shares, each = np.array([0.2, 0.2, 0.6]), np.exp([8.0, 4.0, NO_PLACE * 8.0])
     for _ in range(2):
-        assert decoy.explains(reported, beams, 2.0) == pytest.approx(math.log(shares @ each))
+        assert decoy.explains(reported, beams, 2.0, 1.0) == pytest.approx(math.log(shares @ each))
         shares = shares * each / (shares @ each)
     assert [one.pose for one in decoy.places].count(at) == 2
-    assert decoy.explains({}, beams, 2.0) is None
-    assert decoy.explains(reported, np.zeros(3), 2.0) is None, "the beams of another scan"
+    assert decoy.explains({}, beams, 2.0, 1.0) is None
+    assert decoy.explains(reported, np.zeros(3), 2.0, 1.0) is None, "the beams of another scan"
 
 
 def clusters(off_map: float) -> ClusterSet:

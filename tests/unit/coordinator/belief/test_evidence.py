@@ -124,7 +124,7 @@ def turned(made: Ensemble, first_step: int, turns: int) -> dict[int, float]:
         turn = AROUND[step % 31]
         poses = [compose(np.array(place), np.array([0.0, 0.0, turn])) for place in (NORTH, SOUTH)]
         reports = [
-            tracked("c0", step, 1.0, pose_tuple(poses[0]), fits=[0.8] * 3),
+            tracked("c0", step, 1.0, pose_tuple(poses[0]), fits=[0.95] * 3),
             tracked("c1", step, 1.0, pose_tuple(poses[1]), fits=[1.0] * 3),
             elsewhere(step, -40.0, ends=ENDS),
         ]
@@ -178,7 +178,7 @@ def test_odometry_that_drifts_shows_no_new_pieces_at_a_place_that_is_tracked() -
     for each, motion in ((made, np.zeros(3)), (drifts, TURN)):
         for step in range(1, 200):
             reports = [
-                tracked("c0", step, 1.0, NORTH, fits=[0.8] * 3),
+                tracked("c0", step, 1.0, NORTH, fits=[0.95] * 3),
                 tracked("c1", step, 1.0, SOUTH, fits=[1.0] * 3),
                 elsewhere(step, -40.0, ends=ENDS),
             ]

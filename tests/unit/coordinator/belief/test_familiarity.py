@@ -5,7 +5,8 @@ import pytest
 
 from clustermcl.belief.cluster_set import ClusterSet
 from clustermcl.belief.familiarity import BEST, CORRELATED, FIRST, MOST, USUAL, Familiarity, Learned
-from clustermcl.filter.settings import BeliefSettings, FilterSettings
+from clustermcl.filter.laser.evidence_model import through_beam_loss
+from clustermcl.filter.settings import BeliefSettings, FilterSettings, SensorSettings
 
 
 def after(share: float, pieces: int) -> Familiarity:
@@ -58,3 +59,17 @@ def test_pieces_behind_walls_count_less_the_fewer_there_are_at_the_right_place()
     assert 0.0 < counted[-1] < 0.5
     assert Learned(in_front=after(1.0, 200)).behind(0.7) == 0.0, "no less than nothing"
     assert 0.4 < Learned().behind(0.7) < 0.7
+
+
+def test_beams_fit_the_more_sharply_the_less_the_building_has_changed() -> None:
+    ratio = through_beam_loss(SensorSettings())
+    shares = (0.3, 0.7, 0.97)
+    sharp = [
+        ClusterSet(learned=Learned(after(0.97, 500), after(front, 500))).sharpness
+        for front in shares
+    ]
+    assert sharp[0] == 0.0
+    assert sharp == sorted(sharp)
+    assert 0.9 * ratio < sharp[-1] <= ratio
+    without = FilterSettings(belief=BeliefSettings(piece_evidence=0.0))
+    assert ClusterSet(without).sharpness == 0.0
