@@ -137,13 +137,16 @@ class _Update:
         return belief.updated(among, evidence), log_scan
 
     def _of_pieces(self) -> NDArray[np.float64]:
-        """Return (K,) evidence of what is new of the scan [nat]; NaN: unknown."""
-        held, learned = self._held, self._held.learned
-        among = learned.evidence_among(held.best.familiarity)
-        behind = learned.behind(self._per_piece)
+        """Return (K,) evidence of what is new of the scan [nat]; NaN: unknown.
+
+        At a wrong place most of it fits only behind mapped walls; at the right one, only where the
+        building has changed.
+        """
+        held, changed = self._held, self._held.changed
+        among = held.learned.evidence_among(held.best.familiarity, changed)
         evidence = np.full(len(self._reports), math.nan)
         for index, found in self._explained.items():
-            evidence[index] = among * (found.clear + behind * (found.fitting - found.clear))
+            evidence[index] = among * (found.clear + changed * (found.fitting - found.clear))
         return evidence
 
     def _learn(self, shares: NDArray[np.float64]) -> None:

@@ -170,10 +170,14 @@ class ClusterSet(Part):
         return max(least, self.learned.probable.evidence) if least else 0.0
 
     @property
+    def changed(self) -> float:
+        """How much the building has changed, 0 to 1."""
+        return self.learned.changed(self.piece_evidence)
+
+    @property
     def sharpness(self) -> float:
-        """How sharply beams fit (`explains`): the less, the more the building has changed [nat]."""
-        in_front = 1.0 - self.learned.behind(self.piece_evidence)
-        return in_front * through_beam_loss(self.settings.sensor)
+        """How sharply beams fit (`explains`) [nat]."""
+        return (1.0 - self.changed) * through_beam_loss(self.settings.sensor)
 
     @property
     def best(self) -> Cluster:

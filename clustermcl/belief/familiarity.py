@@ -18,8 +18,6 @@ BEST = 0.97
 """Largest share: even a true map has pieces that change."""
 CORRELATED = 0.5
 """Pieces are not independent: factor on their evidence."""
-CHANCE = 0.5
-"""Most that the evidence of a piece loses among places of which others explain much, too [nat]."""
 _Pieces = Annotated[float, Meta(ge=0.0, le=2.0 * MOST)]
 
 
@@ -64,20 +62,21 @@ class Learned(msgspec.Struct, frozen=True):
     others: Familiarity = Familiarity.of(OTHERS)
     """What places explain other than the one that explains most."""
 
-    def evidence_among(self, best: Familiarity) -> float:
+    def evidence_among(self, best: Familiarity, changed: float) -> float:
         """Return the evidence of a piece that fits at one of two places, not at the other [nat].
 
         Where others explain nearly as much as the best, as in a changed building with rooms alike,
-        which of them explains one more piece is chance; in a true map it is still what decides.
+        which of them explains one more piece is chance: the building may have changed at either
+        place. In a true map it is what decides.
         """
-        return max(best.evidence - min(self.others.evidence, CHANCE), 0.0)
+        chance = 1.0 - (1.0 - changed) ** 2
+        return max(best.evidence - chance * self.others.evidence, 0.0)
 
-    def behind(self, piece_evidence: float) -> float:
-        """Return the share, 0 to 1, of its evidence that a piece has which fits behind a wall.
+    def changed(self, piece_evidence: float) -> float:
+        """Return how much the building has changed, 0 to 1.
 
-        At a wrong place most of what is new fits only behind mapped walls; at the right one, only
-        where the building has changed. So it is 1 where the probable places explain no more than
-        half of what is new in front of walls, and where pieces are no evidence.
+        In a true map nearly all that is new fits in front of walls. It is 1 where the probable
+        places explain no more than half of it so, and where pieces are no evidence.
         """
         return max(1.0 - self.in_front.evidence / piece_evidence, 0.0) if piece_evidence else 1.0
 

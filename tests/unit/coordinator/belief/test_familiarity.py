@@ -49,16 +49,26 @@ def test_without_evidence_of_pieces_familiarity_gives_none() -> None:
     assert of_a_piece(after(1.0, 100), 0.0) == 0.0
 
 
-def test_pieces_behind_walls_count_less_the_fewer_there_are_at_the_right_place() -> None:
-    counted = [
-        Learned(in_front=after(front, 200)).behind(of_a_piece(after(fits, 200)))
+def test_a_building_has_changed_the_more_the_less_fits_in_front_of_walls() -> None:
+    changed = [
+        Learned(in_front=after(front, 200)).changed(of_a_piece(after(fits, 200)))
         for fits, front in ((0.9, 0.3), (0.9, 0.7), (0.99, 0.9))
     ]
-    assert counted[0] == 1.0, "as much as others, where the building has changed"
-    assert counted == sorted(counted, reverse=True)
-    assert 0.0 < counted[-1] < 0.5
-    assert Learned(in_front=after(1.0, 200)).behind(0.7) == 0.0, "no less than nothing"
-    assert 0.4 < Learned().behind(0.7) < 0.7
+    assert changed[0] == 1.0
+    assert changed == sorted(changed, reverse=True)
+    assert 0.0 < changed[-1] < 0.5
+    assert Learned(in_front=after(1.0, 200)).changed(0.7) == 0.0, "no less than nothing"
+    assert 0.4 < Learned().changed(0.7) < 0.7
+
+
+def test_which_place_explains_one_more_piece_is_chance_only_in_a_changed_building() -> None:
+    best, learned = Familiarity.of(0.9), Learned(others=Familiarity.of(0.7))
+    assert learned.evidence_among(best, 0.0) == best.evidence
+    of_others = CORRELATED * math.log(0.7 / 0.3)
+    for changed, chance in ((0.5, 0.75), (1.0, 1.0)):
+        expected = best.evidence - chance * of_others
+        assert learned.evidence_among(best, changed) == pytest.approx(expected)
+    assert learned.evidence_among(Familiarity.of(0.6), 1.0) == 0.0, "fewer pieces are no evidence"
 
 
 def test_beams_fit_the_more_sharply_the_less_the_building_has_changed() -> None:
