@@ -187,12 +187,12 @@ class _Update:
         return here - other
 
     def missed(self, among: NDArray[np.float64]) -> float:
-        """Return by how much more beams are through walls than near obstacles, at the clusters."""
+        """Return by how much more beams are through walls than explained, at the clusters."""
         found = self._explained
         if not found:
             return 0.0
         share = np.exp(belief.normalised_logs(among[list(found)]))
-        each = [place.through - place.near for place in found.values()]
+        each = [place.through - place.clear for place in found.values()]
         return self._per_piece * float(share @ each)
 
     def follow_fit(self, log_scan: float, log_best: float) -> None:

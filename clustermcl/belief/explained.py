@@ -22,8 +22,6 @@ class Explained(NamedTuple):
     """Of beams that fit, by how well they fit: 1 on an obstacle, 0 far from all."""
     clear: float
     """The same but for beams through walls."""
-    near: float
-    """The same by log-likelihood, whatever the sharpness: the place may be a little aside."""
     through: float
     """Of beams through walls, whether they fit or not."""
 
@@ -45,5 +43,5 @@ def explains(report: TrackReport, beams: NDArray[np.float64], sharpness: float) 
     fits, through = decoded(report.fits)
     ratio = max(sharpness, _LEAST)
     sharp = np.exp(ratio * (fits - 1.0)) * np.expm1(-ratio * fits) / np.expm1(-ratio)
-    each = np.array([sharp, ~through * sharp, ~through * fits, through])
+    each = np.array([sharp, ~through * sharp, through])
     return Explained(*(each @ beams).tolist())

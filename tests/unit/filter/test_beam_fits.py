@@ -85,7 +85,6 @@ def test_a_beam_explains_at_most_itself_however_sharply_it_fits(sharpness: float
     assert found is not None
     half = 64 / 127 if sharpness < 1.0 else 1.0 / (1.0 + math.exp(min(sharpness, 700.0) * 63 / 127))
     assert found.fitting == pytest.approx(0.5 + half, abs=0.01)
-    assert found.near == pytest.approx(0.5 + 64 / 127)
 
 
 def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -> None:
