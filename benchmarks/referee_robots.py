@@ -38,7 +38,7 @@ SHARE_OF_FURNITURE = 0.06
 Role = Literal["training", "validation", "test"]
 ROLES: dict[str, Role] = {
     "hall": "training", "intel": "training", "fr101": "training", "office": "validation",
-    "wean-1": "training", "wean-2": "training", "wean-3": "training",
+    "wean-1": "training", "wean-2": "training", "wean-3": "training", "cross_feature": "validation",
 }  # fmt: skip
 """Buildings on which constants are chosen; all others are for test."""
 TrueSteps = list[tuple[Scan, PoseTuple | None]]
@@ -156,6 +156,10 @@ def _in_other_maps(*, small: bool) -> Iterator[Trial]:
         yield Trial(row="given, spinning wheels", robot=robot, number=number, change="spinning")
     for world in ("hall_symmetric", "cross"):
         yield Trial(row="symmetric", robot=world, number=1, begin="nothing")
+    for (row, begin), number in itertools.product(_BEGINS, seeds):
+        yield Trial(
+            row=f"one cabinet, {row}", robot="cross_feature", number=number, begin=begin, steps=200
+        )
     years = "gdc/f2_2019 in gdc/f2_2016"
     for (row, begin), number in itertools.product(_BEGINS, seeds):
         yield Trial(row=f"gdc, years, {row}", robot=years, number=number, begin=begin)
