@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from clustermcl.belief.cluster_set import Cluster
+from clustermcl.belief.cluster_set import Cluster, ClusterSet
 from clustermcl.belief.explained import NO_PLACE, explains
 from clustermcl.belief.part import FEW, Part
 from clustermcl.belief.search_course import SearchCourse
@@ -40,17 +40,14 @@ class Decoy(Part):
         return tuple(place.job_id for place in self.places)
 
     def explains(
-        self,
-        reports: Mapping[str, TrackReport],
-        beams: NDArray[np.float64],
-        unit: float,
-        sharpness: float,
+        self, reports: Mapping[str, TrackReport], beams: NDArray[np.float64], held: ClusterSet
     ) -> float | None:
         """Return the log evidence of a scan's new beams at the decoys; None: none has reported.
 
         It is averaged over all places of the decoy's search, of which those not tracked explain
         `NO_PLACE` of them. One that explains more counts more from then on.
         """
+        unit, sharpness = held.piece_evidence, held.sharpness
         found = [(place, reports.get(place.job_id)) for place in self.places]
         told = [
             (place, r, each) for place, r in found if r and (each := explains(r, beams, sharpness))
@@ -80,7 +77,7 @@ class Decoy(Part):
         begin: dict[str, Job] = {}
         ended: list[Ended] = []
         pool = self.search.on_reports(reports, ())
-        if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
+        if pool is not None and pool.step - self.search.pool.first_step + 1 >= SCANS:
             ended += self._end_tracking() + self.search.stop(step, "search over")
             first = (self.search.begun - 1) * DECOYS
             for index in range(min(len(pool.share), DECOYS)):

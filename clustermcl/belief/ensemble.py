@@ -97,7 +97,7 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def search_ids(self) -> tuple[str, ...]:
-        return (*self.search.job_ids, *self.decoy.search.job_ids)
+        return (*self.search.pool.job_ids, *self.decoy.search.pool.job_ids)
 
     @property
     def deferrable(self) -> tuple[str, ...]:
@@ -240,11 +240,11 @@ class Ensemble(Part, kw_only=True):
         news: float,
         ledger: Ledger,
     ) -> None:
-        beams, unseen, decoy, per_piece = None, None, None, self.clusters.piece_evidence
+        beams, unseen, decoy = None, None, None
         if elsewhere is not None and elsewhere.seen is not None:
             beams, share, self.pieces = self.pieces.after(elsewhere.seen.array())
-            unseen = share if per_piece else None
-            decoy = self.decoy.explains(tracks, beams, per_piece, self.clusters.sharpness)
+            unseen = share if self.clusters.rules.piece_evidence else None
+            decoy = self.decoy.explains(tracks, beams, self.clusters)
         weigh(
             self.clusters,
             tracks,
@@ -283,7 +283,7 @@ class Ensemble(Part, kw_only=True):
             return
         is_over = self.search.is_over(fresh, self.clusters)
         if len(self.clusters):
-            then, first_step = self.search.means[fresh.step], self.search.first_step
+            then, first_step = self.search.means[fresh.step], self.search.pool.first_step
             found = admission(fresh, self.clusters, then, first_step, "restart", is_over=is_over)
         else:
             found = first_admission(fresh, self.prior_pose, self.clusters)
@@ -355,7 +355,7 @@ class Ensemble(Part, kw_only=True):
                 if c.particles and c.particles_from == step + SHARE_AFTER_STEPS
             },
             events=events,
-            search_progress=self.search.progress,
+            search_progress=self.search.pool.progress,
             why=ledger.why([place.cluster for place in tracked]) if ledger else Why(),
         )
 

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
+from msgspec import field
+
 from clustermcl.belief.cluster_set import Cluster, ClusterSet
 from clustermcl.belief.part import Count, Part
 from clustermcl.belief.search_pool import Pool, SearchPool
@@ -24,8 +26,8 @@ class SearchCourse(Part):
     local: ClassVar = frozenset({"settings", "means"})
     settings: FilterSettings = FilterSettings()
     mirrored: bool = False
-    pool: SearchPool | None = None
-    """The places that the current search has found; None: no search is running."""
+    pool: SearchPool = field(default_factory=SearchPool)
+    """The places that the current search has found."""
     begun: Count = 0
     next_step: int = 0
     """The step after which the next search is due."""
@@ -34,22 +36,7 @@ class SearchCourse(Part):
 
     @property
     def runs(self) -> bool:
-        return self.pool is not None
-
-    @property
-    def job_ids(self) -> tuple[str, ...]:
-        """The jobs of the current search, one for each shard."""
-        return self.pool.job_ids if self.pool else ()
-
-    @property
-    def first_step(self) -> int:
-        """The first step whose scan the search uses; 0: no search is running."""
-        return self.pool.first_step if self.pool else 0
-
-    @property
-    def progress(self) -> float:
-        """Progress of the search, 0 to 1; 0: no search is running."""
-        return self.pool.progress if self.pool else 0.0
+        return bool(self.pool.job_ids)
 
     def is_due(self, step: int, patience: int) -> bool:
         """Return whether the next search may begin, `patience` steps after the last."""
@@ -69,9 +56,8 @@ class SearchCourse(Part):
         One with more places than can be tracked may take longer, but not while the robot is
         probably off the map, or at clusters from before the search.
         """
-        assert self.pool is not None, "a search runs"
         most = self.settings.belief.lost_probability
-        before = [c.probability for c in held.all() if c.born_step < self.first_step]
+        before = [c.probability for c in held.all() if c.born_step < self.pool.first_step]
         patient = held.off_map <= most and math.fsum(before) <= most
         return self.pool.finished(pool, self.settings, patient=patient)
 
@@ -111,8 +97,8 @@ class SearchCourse(Part):
 
     def stop(self, step: int, cause: EndedCause) -> list[Ended]:
         """End the search, if one is running; the next is due `search_every_steps` later."""
-        ended = [Ended(job_id, cause) for job_id in self.job_ids]
-        self.pool = None
+        ended = [Ended(job_id, cause) for job_id in self.pool.job_ids]
+        self.pool = SearchPool()
         self.next_step = step + self.settings.belief.search_every_steps
         return ended
 
@@ -131,10 +117,8 @@ class SearchCourse(Part):
         Returns:
             None: a shard has not reported a new step, or a cluster's mean at that step is unknown.
         """
-        if self.pool is None:
-            return None
         for report in reports:
-            if isinstance(report, SearchReport) and report.job_id in self.job_ids:
+            if isinstance(report, SearchReport) and report.job_id in self.pool.job_ids:
                 self.pool.add(report)
         fresh = self.pool.pooled(self.settings.search)
         if fresh is None:

@@ -87,8 +87,9 @@ class SearchPool(Part):
     """Collects the shards' reports and pools the newest step that all shards have reached."""
 
     local: ClassVar = frozenset({"reports", "reached"})
-    job_ids: Annotated[tuple[Text, ...], FEW]
-    first_step: NumberOrNone
+    job_ids: Annotated[tuple[Text, ...], FEW] = ()
+    """The jobs of the search, one for each shard; none: no search is running."""
+    first_step: NumberOrNone = 0
     """The first step whose scan it uses."""
     progress: Share = 0.0
     """Progress of the search at the last call of `finished`."""

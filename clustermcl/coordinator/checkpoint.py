@@ -21,7 +21,7 @@ from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.work import Checkpoint
 
 MAX_AGE_S = 1e9
-STATE_VERSION = 13
+STATE_VERSION = 14
 
 
 class CheckpointState(msgspec.Struct, frozen=True):

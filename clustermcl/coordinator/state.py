@@ -302,7 +302,7 @@ class CoordinatorState(Part):
         self.founded = checkpoint.founded or len(self.ensemble.clusters) > 0
         if applied is not None:
             return applied.step + 1
-        first = state.ensemble.search.first_step
+        first = state.ensemble.search.pool.first_step
         self.collector.begin_after(first - 1)
         return first
 

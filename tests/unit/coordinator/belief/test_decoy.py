@@ -8,7 +8,7 @@ from clustermcl.belief.cluster_set import Cluster, ClusterSet, Given
 from clustermcl.belief.decoy import DECOYS, PATIENCE, SCANS, Decoy
 from clustermcl.belief.explained import NO_PLACE
 from clustermcl.belief.search_course import SearchCourse
-from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.work import SearchReport, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, searched, tracked
 
@@ -72,15 +72,16 @@ def test_a_decoy_that_explains_more_counts_more_from_then_on(decoy: Decoy) -> No
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
     beams, at = np.ones(4), (2.0, 0.0, 0.0)
+    held = ClusterSet(FilterSettings(belief=BeliefSettings(piece_evidence=2.0)))
     fits = {"d0": [1.0] * 4, "d1": [1.0] * 2 + [-1.0] * 2}
     reported = {job: tracked(job, step, 1.0, at, fits=each) for job, each in fits.items()}
     shares, each = np.array([0.2, 0.2, 0.6]), np.exp([8.0, 4.0, NO_PLACE * 8.0])
     for _ in range(2):
-        assert decoy.explains(reported, beams, 2.0, 1.0) == pytest.approx(math.log(shares @ each))
+        assert decoy.explains(reported, beams, held) == pytest.approx(math.log(shares @ each))
         shares = shares * each / (shares @ each)
     assert [one.pose for one in decoy.places].count(at) == 2
-    assert decoy.explains({}, beams, 2.0, 1.0) is None
-    assert decoy.explains(reported, np.zeros(3), 2.0, 1.0) is None, "the beams of another scan"
+    assert decoy.explains({}, beams, held) is None
+    assert decoy.explains(reported, np.zeros(3), held) is None, "the beams of another scan"
 
 
 def clusters(off_map: float) -> ClusterSet:
