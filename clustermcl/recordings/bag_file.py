@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from clustermcl.protocol.errors import InputFileError
 from clustermcl.recordings.log_file import SkippedLine
-from clustermcl.runtime.compressed import most_unpacked, os_problem
+from clustermcl.runtime.compressed import most_unpacked
 
 if TYPE_CHECKING:
     from rosbags import rosbag1, rosbag2
@@ -28,7 +28,6 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 _TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms"
 _RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # name before 2013; the fields are the same
 _SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
-_MAGIC_BYTES = 16
 _METADATA = "metadata.yaml"
 _FREE_BYTES = 2**26
 """The requested messages of a bag may have these bytes whatever its ratio."""
@@ -134,8 +133,6 @@ class BagFile:
                 self.close = opened.pop_all().close
         except InputFileError:
             raise
-        except OSError as failed:
-            raise self._error(self._path, os_problem(failed)) from failed
         except Exception as broken:
             problem = f"cannot be read as a ROS bag: {_problem_of(broken)}"
             remedy = "if it is cut off or damaged, copy it again or repair it by 'rosbag reindex' "
@@ -195,7 +192,7 @@ def _suffix_of(path: Path) -> str | None:
     """Return the suffix for a file by its first bytes; None: not a bag."""
     try:
         with path.open("rb") as file:
-            start = file.read(_MAGIC_BYTES)
+            start = file.read(max(map(len, _SUFFIXES)))
     except OSError:
         return None
     return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)

@@ -111,8 +111,11 @@ def _index(bag: Any, count: Callable[[int], None], *chunk: Any) -> None:
 
 
 def _open_checked(database: Sqlite3Reader) -> None:
-    """Refuse what SQLite computes: a column may be of gigabytes, a view without end."""
-    address = f"{Path(str(database.path)).absolute().as_uri()}?immutable=1"
+    """Refuse what the library would miss, and what SQLite computes: maybe gigabytes, or no end."""
+    path = Path(str(database.path)).absolute()
+    if (log := path.with_name(f"{path.name}-wal")).exists() and log.stat().st_size:
+        raise ValueError(f"its end is in {log.name}; 'PRAGMA journal_mode=DELETE' would merge it")
+    address = f"{path.as_uri()}?immutable=1"
     with closing(sqlite3.connect(address, uri=True)) as connection:
         if connection.execute(_COMPUTED).fetchone():
             raise ValueError("it has views, or columns that are computed")

@@ -69,6 +69,8 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
             line is a message.
     """
     path = Path(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise RecordingError(path, "is a pipe or a device; write it to a file, which is read twice")
     mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     if is_run_log(path):
         entries, skipped = playback(path)

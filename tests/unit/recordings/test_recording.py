@@ -1,6 +1,7 @@
 import gzip
 import lzma
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -193,6 +194,12 @@ def test_a_file_that_is_not_a_recording_is_refused(
         open_recording(path, BridgeSettings())
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_pipe_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "log")
+    with pytest.raises(RecordingError, match="is a pipe"):
+        open_recording(tmp_path / "log", BridgeSettings())
 
 
 # --- time ---------------------------------------------------------------------------------------

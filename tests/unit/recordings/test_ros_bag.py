@@ -364,6 +364,15 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, part: str)
     assert "it has views, or columns that are computed" in str(read_or_refused(path))
 
 
+def test_a_database_of_a_killed_recorder_is_refused_without_its_last_rows(tmp_path: Path) -> None:
+    path = written(tmp_path, "sqlite3 bare", drive())
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, 1, '')")
+        database.commit()
+        assert "its end is in" in str(read_or_refused(path))
+
+
 @pytest.mark.parametrize("more", ["x: &a [*a]", "x: " + 2**19 * "."])
 def test_metadata_are_read_within_limits(tmp_path: Path, more: str) -> None:
     path = written(tmp_path, "mcap", drive())
