@@ -98,7 +98,8 @@ def experiments(
         return
     span = None if seeds is None else range(first_seed, first_seed + seeds)
     chosen = [algorithm_named(name) for name in algorithms or ()]
-    settings, table = load_settings(settings_file, assignments or ()), RunTable(output)
+    settings = load_settings(settings_file, assignments or ())
+    table = RunTable(output, settings)
     tasks = [
         task for task in tasks_of(cases, chosen, span, settings) if key_of(task) not in table.done
     ]

@@ -97,13 +97,18 @@ class RunTable:
 
     Raises:
         OutputError: it cannot be written.
-        InputFileError: it exists and is no table of runs.
+        InputFileError: it exists and is no table of runs, or its runs have other settings.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, settings: Settings) -> None:
         self._path = path
         exists = path.exists() and path.stat().st_size > 0
         rows = rows_of(path) if exists else []
+        if others := {row["settings"] for row in rows} - {" ".join(changed_settings(settings))}:
+            problem = (
+                f"its runs have {min(others) or 'the default settings'}; name another --output"
+            )
+            raise InputFileError(path, problem)
         self.done: set[Key] = {(r["experiment"], r["algorithm"], r["seed"]) for r in rows}
         """The runs that it has."""
         if not exists:

@@ -38,10 +38,11 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
     Shares of runs have Wilson's 95 % interval (`localized_low`, `localized_high`); scores and
     calibration errors have a 95 % interval from runs drawn with replacement (bootstrap). Means
-    weight runs by their updates. `first_right` is a median in which a run that never was counts
-    as infinite. `right_of_sure` is the share of right ones among estimates with 0.9 or more.
-    `p_score` is the p-value of a difference from Cluster-MCL in the logarithmic score (Wilcoxon's
-    signed-rank test over equal seeds).
+    weight runs by their updates. `first_right` and `right_after_kidnap` are medians in which a run
+    that never was counts as infinite; `rmse_m` is the mean of those that were localized.
+    `right_of_sure` is the share of right ones among estimates with 0.9 or more. `p_score` is the
+    p-value of a difference from Cluster-MCL in the logarithmic score (Wilcoxon's signed-rank test
+    over equal seeds).
 
     References:
         Naeini, Cooper, Hauskrecht (2015), Obtaining well calibrated probabilities using Bayesian
@@ -64,7 +65,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
                 "localized": localized,
                 "localized_low": interval.low,
                 "localized_high": interval.high,
-                "first_right": runs["right_within"].fillna(np.inf).median(),
+                "first_right": _median(runs, "right_within"),
                 "sure_and_wrong": _mean(runs, "confidently_wrong_share"),
                 "right_of_sure": runs[f"right_{BINS - 1}"].sum() / sure if sure else np.nan,
                 "lost": _mean(runs, "lost_share"),
@@ -78,7 +79,9 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
                 "calibration_high": error_high,
                 "rmse_m": runs["rmse_m"].mean(),
                 "entropy": runs["entropy_mean"].mean(),
-                "right_after_kidnap": runs["right_after_kidnap"].median(),
+                "right_after_kidnap": _median(
+                    runs[runs["kidnapped_at_update"].notna()], "right_after_kidnap"
+                ),
                 "p_score": _p_score(table, experiment, runs),
             }
         )
@@ -168,12 +171,17 @@ def rivals(table: pd.DataFrame) -> pd.DataFrame:
             "recording": str(experiment).removesuffix(_STARTS),
             "algorithm": algorithm,
             "runs": len(each),
-            "sure_at_step": (each["sure_and_right_at_update"] - 1).fillna(np.inf).median(),
+            "sure_at_step": _median(each, "sure_and_right_at_update") - 1.0,
             "sure_and_wrong": _mean(each, "confidently_wrong_share"),
         }
         for (experiment, algorithm), each in runs.groupby(["experiment", "algorithm"], sort=False)
     ]
     return pd.DataFrame(rows)
+
+
+def _median(runs: pd.DataFrame, column: str) -> float:
+    """Return the median; a run in which it never happened counts as infinite."""
+    return float(runs[column].fillna(np.inf).median())
 
 
 def _mean(runs: pd.DataFrame, column: str) -> float:

@@ -1,10 +1,14 @@
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from benchmarks.experiments.measures import BINS
-from benchmarks.experiments.run_table import COLUMNS
+from benchmarks.experiments.run_table import COLUMNS, RunTable
 from benchmarks.experiments.summary import behind, over_all, reliability, summary
+from clustermcl.protocol.errors import InputFileError
+from clustermcl.runtime.settings import Settings
 
 
 def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFrame:
@@ -26,8 +30,12 @@ def row(table: pd.DataFrame, experiment: str, algorithm: str) -> pd.Series:
 
 def test_a_share_of_runs_has_its_interval() -> None:
     within = [3, 5, np.nan, np.nan]  # never right: infinite in the median
-    found = row(runs("a", "mcl", localized=[1, 1, 1, 0], right_within=within), "a", "mcl")
+    table = runs("a", "mcl", localized=[1, 1, 1, 0], right_within=within, right_after_kidnap=within)
+    found = row(table, "a", "mcl")
     assert np.isinf(found["first_right"])
+    assert np.isinf(found["right_after_kidnap"])
+    still = row(table.assign(kidnapped_at_update=np.nan), "a", "mcl")
+    assert np.isnan(still["right_after_kidnap"]), "it was never kidnapped"
     assert (found["runs"], found["localized"]) == (4, 3)
     assert 0.3 < found["localized_low"] < 0.75 < found["localized_high"] < 1.0
 
@@ -63,3 +71,10 @@ def test_an_experiment_is_listed_as_behind_if_a_baseline_scores_better() -> None
     assert worse["lead"] == pytest.approx(0.4)
     _, mcl = over_all(summary(table)).to_dict("records")
     assert (mcl["experiments"], mcl["log_score"]) == (3, pytest.approx((-0.1 - 0.1 - 0.5) / 3))
+
+
+def test_a_table_is_not_continued_with_other_settings(tmp_path: Path) -> None:
+    path = tmp_path / "runs.csv"
+    runs("a", "mcl", localized=[1]).assign(settings="gate=1").to_csv(path, index=False)
+    with pytest.raises(InputFileError, match="its runs have gate=1; name another --output"):
+        RunTable(path, Settings())
