@@ -17,6 +17,8 @@ DATA_VARIABLE = "CLUSTERMCL_DATA"
 """Environment variable with the folder of recordings."""
 MAP_FOLDERS = ("carmen-maps", "ros-maps")
 STARTS, STEPS_OF_A_START = 20, 60
+_TOO_SHORT = {"crob-jarvis"}
+"""Recordings of hardly more steps than a start has: all starts would be the first step."""
 _TRAINING_RECORDINGS = ("intel", "fr101")
 """Recordings on which the evidence model was fitted, with those of Wean Hall."""
 _TRAINING_MAPS = ("thickwean", "wean5300")
@@ -149,7 +151,8 @@ def all_cases(folder: Path | None = None) -> tuple[Case, ...]:
     if folder is None or not folder.is_dir():
         return _SIMULATED
     recorded = recorded_cases(folder)
-    return (*_SIMULATED, *recorded, *map(_starts_of, recorded), *_map_cases(folder))
+    starts = (_starts_of(case) for case in recorded if case.name not in _TOO_SHORT)
+    return (*_SIMULATED, *recorded, *starts, *_map_cases(folder))
 
 
 def recorded_cases(folder: Path | None) -> tuple[Case, ...]:
