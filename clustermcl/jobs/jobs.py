@@ -214,11 +214,16 @@ class Searching(RunningJob):
         return finished(self.slices(scan))
 
     def slices(self, scan: Scan) -> Slices[work.SearchReport]:
-        """Like `advance`, in slices; the first slice sets `step`."""
-        self._search.use(self._model, self._settings)
+        """Like `advance`, in slices, with the present settings; the first slice sets `step`."""
+        return self._slices(scan, self._model, self._settings)
+
+    def _slices(
+        self, scan: Scan, model: SensorModel, settings: FilterSettings
+    ) -> Slices[work.SearchReport]:
+        self._search.use(model, settings)
         scan = self._arrays.once(mirrored, scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
-        beams = self._arrays.once(scan_beams, scan, self._model)
+        beams = self._arrays.once(scan_beams, scan, model)
         rng = self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
         yield from self._search.advance(before, after, beams, rng, observed(scan))

@@ -135,7 +135,7 @@ class JobTable:
         return missing
 
     def wait_for(self, missing: MissingScans | None) -> None:
-        """Pause the jobs that need these steps until `catch_up`; None: pause no job."""
+        """Pause the jobs that need these steps; None: pause no job."""
         self._waiting = {
             job_id
             for job_id, job in self._jobs.items()
@@ -153,10 +153,14 @@ class JobTable:
         """Return the scan of a step; None: it is no longer stored, or never arrived."""
         return next((scan for scan in self._recent if scan.step == step), None)
 
-    def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
-        """Advance all jobs that do not wait to the newest scan; return their reports."""
-        known = {scan.step: scan for scan in (*history, *self._recent)}
-        return [report for step in sorted(known) for report in self._advance(known[step])]
+    def rewind(self, earlier: Iterable[Scan]) -> list[Scan]:
+        """Forget all scans; return them with others, by step, so that `on_scan` takes them again.
+
+        Then each job takes those that it has not taken yet.
+        """
+        known = {scan.step: scan for scan in (*earlier, *self._recent)}
+        self._recent.clear()
+        return [known[step] for step in sorted(known)]
 
     def on_scan(self, scan: Scan) -> list[Report]:
         """Advance every job that has not done this step and does not wait; return the reports.

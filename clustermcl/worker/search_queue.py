@@ -50,37 +50,36 @@ class SearchQueue:
     """
 
     def __init__(self) -> None:
-        self._left: dict[int, tuple[Searching, deque[Scan]]] = {}
-        self._slices: Slices[SearchReport] | None = None
-        self._searching: Searching | None = None
+        self._left: dict[Searching, deque[tuple[int, Slices[SearchReport]]]] = {}
+        self._searching: tuple[Searching, Slices[SearchReport]] | None = None
 
     def __bool__(self) -> bool:
-        return self._slices is not None or any(scans for _, scans in self._left.values())
+        return self._searching is not None or any(self._left.values())
 
     def add(self, search: Searching, scan: Scan) -> None:
         """Queue one more scan for a search, unless it is not newer or too many wait."""
-        scans = self._left.setdefault(id(search), (search, deque()))[1]
-        if len(scans) < KEPT_STEPS and (not scans or scan.step > scans[-1].step):
-            scans.append(scan)
+        left = self._left.setdefault(search, deque())
+        if len(left) < KEPT_STEPS and (not left or scan.step > left[-1][0]):
+            left.append((scan.step, search.slices(scan)))
 
     def keep_only(self, jobs: Iterable[RunningJob]) -> None:
-        kept = {id(job) for job in jobs}
-        self._left = {key: left for key, left in self._left.items() if key in kept}
-        if self._searching is not None and id(self._searching) not in kept:
-            self._slices = self._searching = None
+        kept = set(jobs)
+        self._left = {search: left for search, left in self._left.items() if search in kept}
+        if self._searching is not None and self._searching[0] not in kept:
+            self._searching = None
 
     def work(self) -> SearchReport | None:
         """Compute one slice; return the report if it finishes a step, else None."""
-        if self._slices is None:
-            waiting = [left for left in self._left.values() if left[1]]
+        if self._searching is None:
+            waiting = [search for search, left in self._left.items() if left]
             if not waiting:
                 return None
-            self._searching, scans = min(waiting, key=lambda left: left[1][0].step)
-            self._slices = self._searching.slices(scans.popleft())
+            first = min(waiting, key=lambda search: self._left[search][0][0])
+            self._searching = first, self._left[first].popleft()[1]
         try:
-            next(self._slices)
+            next(self._searching[1])
         except StopIteration as done:
-            self._slices = self._searching = None
+            self._searching = None
             report: SearchReport = done.value
             return report
         return None

@@ -1,6 +1,7 @@
 """The decisions of one worker, whose methods take events and return instructions."""
 
 from collections import deque
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import msgspec
@@ -21,7 +22,7 @@ from clustermcl.protocol.errors import (
 from clustermcl.protocol.live_settings import AS_STARTED
 from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.protocol.work import Report
-from clustermcl.worker.job_table import RECENT_SCANS, JobTable, MissingScans
+from clustermcl.worker.job_table import RECENT_SCANS_OF_WAITING, JobTable, MissingScans
 
 HISTORY_TIMEOUT_S = 5.0
 LOST_SCANS_TIMEOUT_S = 0.5
@@ -145,7 +146,7 @@ class Worker:
         """Settings of the newest scan, which override those of the order."""
         self._in_force: FilterSettings | None = None
         """Settings of the jobs: those of the order, changed by those of the scan."""
-        self._held: deque[Scan] = deque(maxlen=RECENT_SCANS)
+        self._held: deque[Scan] = deque(maxlen=RECENT_SCANS_OF_WAITING)
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
@@ -242,7 +243,22 @@ class Worker:
         self._fetching = None
         self._table.wait_for(None)
         fitting = [scan for scan in scans if not self._is_of_another_map(scan)]
-        return [*self._table.catch_up(fitting)]
+        return [*self._catch_up(fitting), *(self._continue() if self._held else ())]
+
+    def _catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
+        """Advance all jobs that do not wait to the newest scan, each step with its settings.
+
+        Steps that need another sensor model wait for it, and so do those after them.
+        """
+        reports, later = list[Report](), list(self._held)
+        self._held.clear()
+        for scan in (scans := self._table.rewind(history)):
+            if self._is_prepared(scan):
+                reports += self._table.on_scan(scan)
+            else:
+                self._held.append(scan)
+        self._held += (scan for scan in later if not scans or scan.step > scans[-1].step)
+        return reports
 
     # --- orders
 
@@ -274,7 +290,8 @@ class Worker:
         if waiting is not None and (has_model or not waiting.order.begin):
             return [*self._follow(waiting), *self._continue()]
         if has_model:
-            held, self._held = self._held, deque(maxlen=RECENT_SCANS)
+            held = list(self._held)
+            self._held.clear()
             return [do for scan in held for do in self.on_scan(scan, self._dropped)]
         if self._preparing:
             return []
@@ -328,7 +345,7 @@ class Worker:
         return [
             Answer(waiting.question, self._answer()),
             *again,
-            *self._table.catch_up(),
+            *self._catch_up(),
             *self._fetch(missing, HISTORY_TIMEOUT_S),
         ]
 

@@ -28,6 +28,7 @@ from clustermcl.protocol import work
 from clustermcl.protocol.answers import Belief, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.live_settings import AS_STARTED
 from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.runtime.settings import CoordinatorSettings
 from clustermcl.worker import worker as worker_instructions
@@ -98,6 +99,7 @@ class Living:
         self.coordinator: Coordinator | None = None
         self.map_digest = MAP.digest
         """Of the bridge's map; of another one when it has been restarted with it."""
+        self.live = AS_STARTED
         self.warnings: list[str] = []
         """Causes that workers have counted."""
         self.workers = {f"w{n}": Worker(f"w{n}") for n in range(workers)}
@@ -134,7 +136,7 @@ class Living:
     def drive(self, step: int, *, stamp_ns: int | None = None, like: int | None = None) -> None:
         """One step: its scan reaches the workers, and the coordinator if it lives."""
         shown = scan_of(step if like is None else like)
-        scan = replace(shown, step=step, map_digest=self.map_digest)
+        scan = replace(shown, step=step, map_digest=self.map_digest, settings=self.live)
         if stamp_ns is not None:
             scan = replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)

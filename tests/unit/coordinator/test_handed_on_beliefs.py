@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.protocol.answers import Belief, SetPose
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.message import MAX_SCAN_STEP
 from clustermcl.protocol.step_reset_detector import HUGE_JUMP
 from tests.unit.coordinator.living import Living
@@ -70,6 +71,22 @@ def test_a_worker_that_dies_leaves_its_clusters_to_others_particle_by_particle(
     living = Living(model).drive_on(17)
     living.kill_worker("w1")
     assert_same(living.drive_on(STEPS), undisturbed)
+
+
+@pytest.mark.parametrize("changed_at", [6, 15])
+def test_a_worker_that_continues_a_cluster_weighs_each_step_with_its_live_settings(
+    model: SensorModel, changed_at: int
+) -> None:
+    def driven(*, dies: bool) -> Living:
+        living = Living(model, workers=2).drive_on(changed_at)
+        living.live = LiveSettings(drive_noise_per_metre=0.4, max_beams=12)
+        living.drive_on(18)
+        if dies:
+            living.kill_worker("w0")
+            living.start_worker("new")
+        return living.drive_on(STEPS)
+
+    assert_same(driven(dies=True), driven(dies=False))
 
 
 def test_clusters_are_kept_without_workers_and_continue_when_one_appears(

@@ -133,6 +133,17 @@ def test_a_search_that_is_far_behind_skips_no_scan_and_reports_places_of_each(
     assert reports[3].places.share.array().sum() <= 1.0 + 1e-9
 
 
+def test_a_search_weighs_each_scan_with_the_settings_of_its_step(model: SensorModel) -> None:
+    fewer = replace(SETTINGS, sensor=replace(SETTINGS.sensor, max_beams=9))
+    other = model_of(plain_room(), fewer.sensor)
+    at_once, later = table_with(model, search()), table_with(model, search())
+    reported = at_once.on_scan(scan(0)) + searched(at_once) + later.on_scan(scan(0))
+    for table in (at_once, later):
+        table.use(other, fewer)
+        table.on_scan(scan(1))
+    assert searched(later) == reported + searched(at_once)
+
+
 def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
     table = table_with(model, search())
     table.on_scan(scan(0))
