@@ -92,9 +92,11 @@ class PlacedJob(Part):
 class Jobs(Part):
     """All jobs that are to be done; each has one worker, or waits for one."""
 
-    local: ClassVar = frozenset({"newest_epoch", "awaited_until_ns"})
+    local: ClassVar = frozenset({"newest_epoch", "applied_step", "awaited_until_ns"})
     placed: Annotated[dict[Id, PlacedJob], FEW] = {}
     newest_epoch: int = 0
+    applied_step: int = -1
+    """The last step applied by this coordinator."""
     awaited_until_ns: dict[str, int] = {}
     """Until when absent workers keep the jobs that the previous coordinator gave them [ns]."""
 
@@ -124,9 +126,18 @@ class Jobs(Part):
             self.placed.pop(job_id, None)
 
     def may_move(self, job_id: str) -> bool:
-        """Return whether a job may leave a healthy worker; a search that has reported may not."""
-        job = self.placed[job_id]
-        return not isinstance(job.job, SearchJob) or not job.reported
+        """Return whether a job may leave a healthy worker.
+
+        A search that has reported may not, nor a cluster whose snapshot is of a step that is not
+        applied yet: after a take-over only its worker has the reports up to that step.
+        """
+        placed = self.placed[job_id]
+        match placed.job:
+            case SearchJob():
+                return not placed.reported
+            case TrackJob(start=start):
+                return start.step <= self.applied_step
+        return True
 
     def move(self, moves: Mapping[str, str], term: int, now_ns: int) -> None:
         """Give jobs to workers; each gets an epoch above all epochs of earlier terms."""
@@ -151,7 +162,8 @@ class Jobs(Part):
             job.job = replace(job.job, start=snapshot, exact=True)
 
     def step_applied(self, step: int) -> None:
-        """Move the first step of an `ElsewhereJob` past an applied step."""
+        """Note an applied step, and move the first step of an `ElsewhereJob` past it."""
+        self.applied_step = step
         for job in self.placed.values():
             if isinstance(job.job, ElsewhereJob) and job.job.first_step <= step:
                 job.job = ElsewhereJob(first_step=step + 1)

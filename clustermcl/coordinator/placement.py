@@ -239,7 +239,8 @@ class Placement(Part):
         tried = {origin(name) for name in jobs if name and name not in self.stragglers.proven}
         waiting = [name for one, name in sorted(others.items()) if one not in tried]
         most = max(trusted, key=lambda name: len(jobs.get(name, ())))
-        spare = sorted(jobs.get(most, {}).keys() - self.jobs.shards().keys())[1:]
+        tracks = jobs.get(most, {}).keys() - self.jobs.shards().keys()
+        spare = sorted(filter(self.jobs.may_move, tracks))[1:]
         return dict(zip(spare, waiting, strict=False))
 
     # --- from one coordinator to the next

@@ -145,7 +145,7 @@ class Worker:
         self._live = AS_STARTED
         """Settings of the newest scan, which override those of the order."""
         self._in_force: FilterSettings | None = None
-        """Settings of the jobs: those of the order, changed by those of the scan."""
+        """Settings of all jobs: those of the order, changed by those of the scan; None: unknown."""
         self._held: deque[Scan] = deque(maxlen=RECENT_SCANS_OF_WAITING)
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
@@ -333,6 +333,7 @@ class Worker:
                 return self._overtaken(waiting.question, order)
             if self._model is not None:
                 self._table.follow(order, self._model, filter_with(waiting.settings, self._live))
+                self._in_force = None  # the new jobs' settings may differ from the others'
             self._ordered, self._ordered_map = waiting.settings, order.map_digest
         except (OldTermError, ValueError) as error:
             return self.refuse(waiting.question, error)

@@ -73,6 +73,18 @@ def test_a_worker_that_dies_leaves_its_clusters_to_others_particle_by_particle(
     assert_same(living.drive_on(STEPS), undisturbed)
 
 
+@pytest.mark.parametrize("dies_at", range(5, 9))
+def test_a_worker_that_joins_at_a_take_over_changes_no_belief(
+    model: SensorModel, undisturbed: Living, dies_at: int
+) -> None:
+    living = Living(model).drive_on(dies_at)
+    living.coordinator = None
+    living.drive(dies_at)
+    living.start_worker("new")
+    living.revive()
+    assert_same(living.drive_on(STEPS), undisturbed)
+
+
 @pytest.mark.parametrize("changed_at", [6, 15])
 def test_a_worker_that_continues_a_cluster_weighs_each_step_with_its_live_settings(
     model: SensorModel, changed_at: int

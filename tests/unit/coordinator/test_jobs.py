@@ -51,13 +51,15 @@ def test_a_step_waits_longer_for_a_job_until_its_worker_has_reported_in_time() -
     assert made.placed_ns("c0") == 0
 
 
-def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> None:
+def test_a_search_may_move_before_its_first_report_and_a_cluster_after_its_snapshot() -> None:
     made = Jobs()
     made.begin({"s0.0": SEARCH, "c0": TRACK})
     assert made.may_move("s0.0")
     made.on_report(searched("s0.0", 0, {}), in_time=True)
     made.on_report(tracked("c0", 1, 0.1, (0.0, 0.0, 0.0)), in_time=True)
     assert not made.may_move("s0.0")
+    assert not made.may_move("c0"), "only its worker has the reports before its snapshot"
+    made.step_applied(TRACK.start.step)
     assert made.may_move("c0")
 
 

@@ -143,6 +143,7 @@ def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job(
 def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
     made = tracking("good-0", clusters=9)
     made.on_report(tracked("c0", 1, 0.1, (1.0, 2.0, 0.0)), in_time=True)
+    made.jobs.step_applied(1)
     for n in range(60):
         made.on_worker_joined(f"new-{n}")
     follow(made, due(made, SECOND))
