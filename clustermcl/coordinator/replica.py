@@ -79,9 +79,11 @@ class Replica:
 
     def handle(self, event: events.Event | events.TokenChanged, now_ns: int) -> list[Instruction]:
         """Process an event; return instructions for `release`."""
+        is_sign_of_life = False
         if isinstance(event, events.CheckpointArrived):
-            is_newest = self.newest is None or event.checkpoint.rank >= self.newest.rank
-            self.newest = event.checkpoint if is_newest else self.newest
+            known, arrived = self.newest or event.checkpoint, event.checkpoint
+            is_sign_of_life = arrived.rank >= known.rank or arrived.term > known.term
+            self.newest = max(arrived, known, key=lambda one: one.rank)
         if self.coordinator is not None:
             self._turn(now_ns)
             meant = self._meaning_of(event, now_ns)
@@ -90,7 +92,7 @@ class Replica:
             left = self._membership.left(now_ns)
             return instructions + [do for one in left for do in self._decide(one, now_ns)]
         match event:
-            case events.CheckpointArrived() if is_newest:
+            case events.CheckpointArrived() if is_sign_of_life:
                 self._on_sign_of_life(now_ns)
             case events.TokenChanged(worker=None, alive=True):
                 self._on_sign_of_life(now_ns)

@@ -35,7 +35,7 @@ _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([
 
 Configuration = dict[str, Any]
 UNSCOUTED: Configuration = {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
-"""Endpoints are explicit: there is nothing to scout for."""
+"""Endpoints are explicit; links of peers, found by gossip, would bypass access control."""
 
 
 def client_configuration(settings: ZenohSettings, robot: RobotSettings) -> Configuration:

@@ -45,7 +45,6 @@ def secure_router_configuration(
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
     configuration["listen"] = {"endpoints": [patient(endpoint)]}
-    configuration["scouting"]["gossip"] = {"enabled": False}  # peer links bypass access control
     configuration["transport"]["link"] |= {
         "protocols": ["tls"],
         "tls": {

@@ -28,8 +28,8 @@ GONE = TokenChanged(None, alive=False)
 LINK_DOWN, LINK_UP = LinkChanged(up=False), LinkChanged(up=True)
 
 
-def state(term: int, serial: int = 0) -> Checkpoint:
-    return checkpoint(term, serial, founded=False, step=-1)
+def state(term: int, serial: int = 0, *, founded: bool = False) -> Checkpoint:
+    return checkpoint(term, serial, founded=founded, step=-1)
 
 
 def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
@@ -45,9 +45,10 @@ def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
         ([(GONE, SECOND), (CheckpointArrived(state(1)), SECOND + 1)], 3 * SECOND + 1),
         ([(GONE, SECOND), (LINK_DOWN, SECOND + 1), (LINK_UP, 100 * SECOND)], 102 * SECOND),
         ([(CheckpointArrived(state(n)), (3 - n) * SECOND) for n in (2, 1)], 3 * SECOND),
+        ([(CheckpointArrived(state(n, founded=n < 2)), n * SECOND) for n in (1, 2)], 4 * SECOND),
         ([(TokenChanged(None, alive=True), 0), (GONE, SECOND)], SECOND + SETTLE_NS),
     ],
-    ids=["silent", "its state after its token", "own link lost", "a lower term", "token gone"],
+    ids=["silent", "state after token", "link lost", "lower term", "it searches", "token gone"],
 )
 def test_a_follower_leads_after_a_silence_of_the_leader(
     events: list[tuple[Event | TokenChanged | LinkChanged, int]], dead_ns: int
