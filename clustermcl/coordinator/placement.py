@@ -118,12 +118,7 @@ class Placement(Part):
             self.silent_shards.on_report(report.job_id, report.step)
 
     def on_step_decided(
-        self,
-        expected: Iterable[str],
-        missing: Iterable[str],
-        now_ns: int,
-        *,
-        patient: bool = False,
+        self, expected: Iterable[str], missing: Iterable[str], now_ns: int, *, patient: bool = False
     ) -> None:
         """Take the jobs of workers that were late too often; `patient`: all workers are slow.
 

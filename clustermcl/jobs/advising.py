@@ -17,11 +17,7 @@ LOST = "the robot is probably at another place: wait for the search"
 
 
 def advice(
-    asked: AdviceQuestion,
-    scan: Scan,
-    model: SensorModel,
-    settings: FilterSettings,
-    sender: str,
+    asked: AdviceQuestion, scan: Scan, model: SensorModel, settings: FilterSettings, sender: str
 ) -> Advice:
     """Answer a question about the belief after the step of a scan, in the map of the model."""
     head = Advice(

@@ -73,10 +73,7 @@ _VIEWER = Rights(
     ),
 )
 
-_READINGS = (
-    *(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
-    keys.OBSERVATION_READING,
-)
+_READINGS = (keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING, keys.OBSERVATION_READING)
 
 _ROLES = {
     "robot": Rights(

@@ -86,10 +86,9 @@ def client_of(router: zenoh.Config, patience_s: float) -> configuration.Configur
         endpoint = endpoint.replace(f"/{anywhere}:", f"/{here}:")
     tls = json.loads(router.get_json("transport/link/tls"))
     used = ("root_ca_certificate", "listen_certificate", "listen_private_key", "enable_mtls")
-    own = {name.replace("listen", "connect"): tls.get(name) for name in used}
-    known = {name: value for name, value in own.items() if value is not None}
+    own = {one.replace("listen", "connect"): tls[one] for one in used if tls.get(one) is not None}
     transport = configuration.transport_configuration()
-    transport["link"]["tls"] = {**known, "verify_name_on_connect": False}
+    transport["link"]["tls"] = {**own, "verify_name_on_connect": False}
     timeout_ms = int(patience_s * 1000)
     return {
         "mode": "client",

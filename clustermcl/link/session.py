@@ -55,10 +55,7 @@ def receiving_threads(runtime: str) -> Iterator[None]:
 
 
 def open_session(
-    settings: ZenohSettings,
-    robot: RobotSettings,
-    stop: StopFlag,
-    wait_s: float | None,
+    settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, wait_s: float | None
 ) -> zenoh.Session:
     """Open this process's session, as a client of the router, to be closed by ``with``.
 

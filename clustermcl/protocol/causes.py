@@ -29,10 +29,7 @@ class Cause(StrEnum):
     OUTLIER = "reading refused: outlier in time or place", "no later reading confirms its jump"
     TOO_MANY_LASERS = "reading refused: too many lasers", "the readings name more than 16 lasers"
     UNKNOWN_LANDMARK = "reading refused: unknown landmark", "its landmark is not on the map"
-    UNKNOWN_FLOOR = (
-        "reading refused: unknown floor",
-        "it is on no floor of the building, or on none",
-    )
+    UNKNOWN_FLOOR = "reading refused: unknown floor", "it names no floor of the building"
     AHEAD = "reading refused: observation from the future", "it is over 10 s newer than odometry"
     TOO_FAR_BACK = "reading refused: observation too far back", "motion since then has blurred it"
     OTHER_FIELD = "reading refused: field of another map", "its `map_digest` is not the map's"
@@ -41,20 +38,14 @@ class Cause(StrEnum):
     BEFORE_MAP = "reading before the map", "the robot has not published its map yet"
     CLOCK_RESTARTED = "clock restarted", "stamps jumped far back; the new time is used"
     ODOMETRY_JUMPED = "odometry jumped", "it was faster than 10 m/s or 10 rad/s: taken as no motion"
-    ODOMETRY_CONTRADICTED = (
-        "odometry contradicted",
-        "two scans show another motion: half of the particles move by these",
-    )
+    ODOMETRY_CONTRADICTED = "odometry contradicted", "half of the particles move as scans show"
     LASER_SILENT = "laser silent", "no scan for more than 2 s by the stamps"
     ODOMETRY_SILENT = "odometry silent", "no odometry for more than 2 s by the stamps"
     OWN_ROBOT = "robot before its laser", "beams end on the robot itself; they are left out"
     BAD_QUESTION = "malformed question for scans", "a query that is not `scans?first=A;last=B`"
     SCAN_LATE = "scan repeated or late", "a step that was already decided"
     SCAN_AHEAD = "scan far ahead", "its step is over 10,000 above the newest one"
-    STEPS_RESTARTED = (
-        "steps restarted",
-        "step numbers begin again, and so does a search for the robot",
-    )
+    STEPS_RESTARTED = "steps restarted", "step numbers begin again; the robot is searched for"
     OTHER_MAP = "scan of another map", "the bridge and this process have different maps"
     MAP_CHANGED = "map changed", "the bridge or the robot has another map, which is used now"
     OLD_EPOCH = "report of an old epoch", "a worker reports a job that was given to another"

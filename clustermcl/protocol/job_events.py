@@ -107,9 +107,7 @@ def event_text(event: JobEvent) -> str:
             return ": ".join(filter(None, (cause, detail)))
 
 
-def event_groups(
-    events: Iterable[NumberedEvent],
-) -> Iterator[tuple[Sequence[NumberedEvent], str]]:
+def event_groups(events: Iterable[NumberedEvent]) -> Iterator[tuple[Sequence[NumberedEvent], str]]:
     """Yield events with their text; three or more of one step and cause share a text.
 
     Such as ``19 places found by the first search (24 % to < 0.1 %)``.

@@ -12,7 +12,6 @@ import numpy as np
 from clustermcl.protocol import work
 from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import MalformedMessageError
@@ -57,7 +56,8 @@ def _problems(message: object) -> Iterator[str | None]:
         case work.SearchReport(places=places):
             yield found_places_problem(places)
         case work.ElsewhereReport(seen=seen, places=places):
-            yield _ends_problem(seen)
+            if seen is not None:
+                seen.checked(None, 2)
             yield None if places is None else found_places_problem(places)
         case SetPose(pose=pose, covariance=tuple() as covariance):
             yield gaussian_problem(pose, covariance)
@@ -76,13 +76,6 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
     return key_of(problem) if (problem := pose_problem(mean)) else None
-
-
-def _ends_problem(ends: ArrayBlob | None) -> str | None:
-    """Return None, or raise a `MalformedMessageError`."""
-    if ends is not None:
-        ends.checked(None, 2)
-    return None
 
 
 def _particles_problem(particles: work.Particles) -> str | None:

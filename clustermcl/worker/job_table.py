@@ -79,10 +79,6 @@ class JobTable:
             (job_id, job.assignment.epoch, job.step) for job_id, job in sorted(self._jobs.items())
         )
 
-    @property
-    def is_empty(self) -> bool:
-        return not self._jobs
-
     def holds(self) -> tuple[Assignment, ...]:
         """Return the jobs in a form that another worker can continue."""
         return tuple(job.handed_on() for _, job in sorted(self._jobs.items()))
@@ -108,7 +104,7 @@ class JobTable:
             if given.job_id not in kept
         }
         self._jobs = kept | begun
-        if self.is_empty:
+        if not self._jobs:
             self._recent.clear()  # old scans, once there is a job again
         for job_id, particles, first_step in order.resize:
             if isinstance(job := self._jobs.get(job_id), Tracking):

@@ -158,7 +158,7 @@ class Worker:
     @property
     def needs_scans(self) -> bool:
         """Whether this worker has a job, or an order that waits for a sensor model."""
-        return not self._table.is_empty or self._waiting is not None
+        return self.jobs > 0 or self._waiting is not None
 
     @property
     def searches(self) -> bool:

@@ -175,8 +175,7 @@ def test_a_new_session_declares_everything_and_reports_no_lost_link(
     client, answers = open_client(), list[CommandDone]()
     wait_until(lambda: turning(node) and is_alive(client, keys.BRIDGE_ALIVE, 5.0))
     node.in_background(
-        lambda: answers.append(answered(client, keys.UPDATE, CommandDone)),
-        lambda _done: None,
+        lambda: answers.append(answered(client, keys.UPDATE, CommandDone)), lambda _done: None
     )
     wait_until(lambda: turning(node) and answers)
     assert False not in links

@@ -76,10 +76,7 @@ def put_tag(robot: Robot, pose: PoseTuple, stamp_ns: int) -> None:
 
 @pytest.mark.parametrize(
     ("put", "parameters"),
-    [
-        (put_pose, {"ros2.pose_topics": "uwb/pose"}),
-        (put_tag, {"ros2.tag_topics": "tags"}),
-    ],
+    [(put_pose, {"ros2.pose_topics": "uwb/pose"}), (put_tag, {"ros2.tag_topics": "tags"})],
 )
 def test_a_sensor_that_names_the_place_localizes_the_robot_at_once(
     start_drive: StartDrive,

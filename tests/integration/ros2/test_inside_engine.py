@@ -113,9 +113,7 @@ def driven() -> Iterator[Driven]:
         yield Driven(engine, heard)
 
 
-def test_beliefs_are_those_of_the_library_bit_for_bit_through_live_settings(
-    driven: Driven,
-) -> None:
+def test_beliefs_are_those_of_the_library_bit_for_bit_through_live_settings(driven: Driven) -> None:
     heard = driven.heard
     driven.drive(1)
     assert heard.refused[0].startswith("reading before the map")

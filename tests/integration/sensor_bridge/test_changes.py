@@ -25,10 +25,7 @@ FLOOD = 2_000
 
 
 def test_a_bridge_collects_publishes_answers_and_keeps_changes(
-    router: ZenohSettings,
-    start_process: StartProcess,
-    open_client: OpenClient,
-    tmp_path: Path,
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient, tmp_path: Path
 ) -> None:
     save_ros_map(OLD, tmp_path / "old.yaml")
     values = (

@@ -60,10 +60,7 @@ class TypedCommand(RunningProcess):
 
 @contextmanager
 def typed(
-    *words: str,
-    folder: Path,
-    environment: dict[str, str] | None = None,
-    module: str = "clustermcl",
+    *words: str, folder: Path, environment: dict[str, str] | None = None, module: str = "clustermcl"
 ) -> Iterator[TypedCommand]:
     """Start a command; whatever of it still runs at the end is killed."""
     command = TypedCommand(python_module(module, *words), folder, environment)

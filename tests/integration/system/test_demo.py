@@ -25,9 +25,7 @@ def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
     return answer
 
 
-def test_a_demo_ends_by_itself_with_one_json_object(
-    environment: dict[str, str],
-) -> None:
+def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str]) -> None:
     done = ran("-v", *SHORT, "--json", *SMALL_FILTER, environment=environment)
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)

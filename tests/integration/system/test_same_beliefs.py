@@ -41,9 +41,7 @@ def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one() -> None:
         assert_same_steps(tested.wait_for_the_end(), alone)
 
 
-def test_workers_that_are_killed_change_no_belief_of_a_robot_that_sees_tags(
-    tmp_path: Path,
-) -> None:
+def test_workers_that_are_killed_change_no_belief_of_a_robot_that_sees_tags(tmp_path: Path) -> None:
     """One is killed, then two, then all: their clusters continue from snapshots.
 
     Beliefs of processes, of one process, and of the replay are the same, bit for bit.

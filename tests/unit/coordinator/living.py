@@ -39,12 +39,7 @@ SETTINGS = FilterSettings(
     seed=5,
     cluster=ClusterSettings(particles=60),
     search=SearchSettings(
-        heading_step_rad=0.2,
-        poses=400,
-        shards=2,
-        max_steps=4,
-        hand_over_particles=15,
-        places=8,
+        heading_step_rad=0.2, poses=400, shards=2, max_steps=4, hand_over_particles=15, places=8
     ),
     belief=BeliefSettings(max_clusters=4, search_every_steps=6, candidate_probability=0.05),
 )

@@ -34,9 +34,7 @@ def found(*counts: int) -> Report:
 
 
 @pytest.mark.parametrize(
-    "report",
-    [found(1, 1, 1, 1), found(4, 4)],
-    ids=["places", "particles of places"],
+    "report", [found(1, 1, 1, 1), found(4, 4)], ids=["places", "particles of places"]
 )
 def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> None:
     with pytest.raises(MalformedMessageError, match="by the settings") as caught:
@@ -45,9 +43,7 @@ def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> No
 
 
 @pytest.mark.parametrize(
-    "report",
-    [found(2, 2, 2), reports.elsewhere(1, 0.0)],
-    ids=["places", "elsewhere"],
+    "report", [found(2, 2, 2), reports.elsewhere(1, 0.0)], ids=["places", "elsewhere"]
 )
 def test_a_report_with_the_largest_allowed_number_of_places_is_accepted(report: Report) -> None:
     assert checked(report, SETTINGS) is report

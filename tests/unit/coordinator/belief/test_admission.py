@@ -20,11 +20,7 @@ from tests.unit.coordinator.reports import literal_bayes, pool_of
 
 SETTINGS = FilterSettings(
     search=SearchSettings(source_radius_m=1.0, source_heading_rad=0.5),
-    belief=literal_bayes(
-        max_clusters=4,
-        candidate_probability=0.02,
-        least_probability=0.001,
-    ),
+    belief=literal_bayes(max_clusters=4, candidate_probability=0.02, least_probability=0.001),
 )
 HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 FAR, FARTHER, LEAST = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)

@@ -156,10 +156,7 @@ def test_how_well_the_map_explains_new_beams_is_learned() -> None:
         *(cluster.familiarity for cluster in made.all()),
         made.learned.others,
     ]
-    expected = [
-        *[expected.after(1.0, explained)] * 3,
-        others.after(0.25, 0.25 * explained),
-    ]
+    expected = [*[expected.after(1.0, explained)] * 3, others.after(0.25, 0.25 * explained)]
     for one, other in zip(learned, expected, strict=True):
         assert one.share == pytest.approx(other.share)
         assert one.new == pytest.approx(other.new)
@@ -316,12 +313,7 @@ DEEDS = st.lists(
 def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
     deeds: list[tuple[str, tuple[float, ...], float]], hazard: float
 ) -> None:
-    made = first(
-        0.5,
-        0.3,
-        kidnapping_probability=hazard,
-        least_probability=0.05,
-    )
+    made = first(0.5, 0.3, kidnapping_probability=hazard, least_probability=0.05)
     for step, (deed, values, value) in enumerate(deeds):
         match deed:
             case "weigh":

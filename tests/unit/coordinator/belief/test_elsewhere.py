@@ -166,9 +166,7 @@ def test_relocalize_moves_all_probability_elsewhere_and_restarts_its_evidence() 
 
 
 @pytest.mark.parametrize("rest", [0.2, 1e-6])
-def test_a_place_that_an_observation_allows_takes_the_probability_of_elsewhere(
-    rest: float,
-) -> None:
+def test_a_place_that_an_observation_allows_takes_the_probability_of_elsewhere(rest: float) -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4 - rest}, kidnapping_probability=1e-6)
     reports = [tracked(f"c{n}", 1, 1.0, mean) for n, mean in enumerate((NORTH, SOUTH))]
     allowed = replace(elsewhere(1, 0.0), places=found_places([(1.0, EAST)]))

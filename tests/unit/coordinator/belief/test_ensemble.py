@@ -120,9 +120,7 @@ def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leav
 
 
 @pytest.mark.parametrize("reporting", [("c0",), ("c0", "c1")])
-def test_a_search_is_compared_with_clusters_moved_by_odometry(
-    reporting: tuple[str, ...],
-) -> None:
+def test_a_search_is_compared_with_clusters_moved_by_odometry(reporting: tuple[str, ...]) -> None:
     """The robot drove on while workers were late: what the search finds looks new, and is not."""
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
     made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
