@@ -2,15 +2,14 @@
 
 import hmac
 import ipaddress
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
 from clustermcl.protocol.errors import SettingsError
 
 DEFAULT_PORT = 8350
-LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 
 @dataclass(frozen=True)
@@ -57,9 +56,10 @@ def parsed_address(text: str) -> Address:
 class Admission:
     """The rules by which requests are accepted or refused.
 
-    On loopback, the host in a request must be this machine: another site could make its own name
-    resolve to 127.0.0.1 (DNS rebinding). Otherwise a request needs a token, which is in the page's
-    link, and in a cookie that the browser gets with the page. The address has the bound port.
+    On loopback, the host in a request must be this machine, at any port, which may be a tunnel's:
+    another site could make its own name resolve to 127.0.0.1 (DNS rebinding). Otherwise a request
+    needs a token, which is in the page's link, and in a cookie that the browser gets with the page.
+    The address has the bound port.
     """
 
     address: Address
@@ -83,10 +83,8 @@ class Admission:
         The headers have lower-case names. Only this page may open a WebSocket.
         """
         host = headers.get("host", "")
-        port = self.address.port
-        names = {self.address.netloc, *(f"{name}:{port}" for name in LOOPBACK_NAMES)}
-        names |= set(LOOPBACK_NAMES) if port == 80 else set()
-        if self.address.is_loopback and host not in names:
+        named = Address(re.sub(r":\d*$", "", host).strip("[]"), self.address.port)
+        if self.address.is_loopback and not named.is_loopback:
             return f"this page is served at {self.address.netloc}, not at {host!r}"
         if socket and headers.get("origin", "").partition("://")[2] != host:
             return f"a page of {headers.get('origin', 'no origin')!r} may not connect"
@@ -96,13 +94,10 @@ class Admission:
 
     def _knows_token(self, target: str, headers: Mapping[str, str]) -> bool:
         given = parse_qs(target.partition("?")[2]).get("token", [""])[0]
-        try:
-            cookies = SimpleCookie(headers.get("cookie", ""))
-        except CookieError:
-            cookies = SimpleCookie()
-        if self._cookie_name in cookies:
-            given = given or cookies[self._cookie_name].value
-        return hmac.compare_digest(given.encode(), self.token.encode())
+        # Not by `SimpleCookie`, which reads none if another program's cookie is malformed.
+        cookie = re.search(rf"(^|; *){self._cookie_name}=([^;]*)", headers.get("cookie", ""))
+        given = given or (cookie[2] if cookie else "")
+        return hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
 
     @property
     def _cookie_name(self) -> str:

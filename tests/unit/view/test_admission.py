@@ -41,10 +41,12 @@ OWN, EVIL = "http://r:8350", "http://evil.example"
     (HERE, "/", {"host": "evil.example:8350", "origin": EVIL}, False, "this page is served at"),
     (HERE, "/", {"host": "evil.example:8350", "origin": EVIL}, True, "this page is served at"),
     (Admission(Address("127.0.0.1", 80)), "/", {"host": "localhost"}, False, ""),
+    (HERE, "/live", {"host": "[::1]:9", "origin": "http://[::1]:9"}, True, ""),  # a tunnel
     (THERE, "/", {"host": "r:8350"}, False, "token"),
     (THERE, "//[?token=guess", {"host": "r:8350"}, False, "token"),
     (THERE, "/?token=secret", {"host": "r:8350"}, False, ""),
-    (THERE, "/live", {"host": "r:8350", "origin": OWN, "cookie": f"a=b; {NAME}=secret"}, True, ""),
+    *((THERE, "/live", {"host": "r:8350", "origin": OWN, "cookie": f"{other}; {NAME}=secret"}, True,
+       "") for other in ("a=b", 'a={"b": "c"}', "\udcff", f"x{NAME}=x")),
     (THERE, "/live", {"host": "r:8350", "origin": OWN, "cookie": f"{NAME}=guess"}, True, "token"),
     (THERE, "/live", {"host": "r:8350", "origin": EVIL, "cookie": f"{NAME}=secret"}, True,
      "may not connect"),
