@@ -1,5 +1,6 @@
 """The frames that the page of one robot shows."""
 
+import math
 from collections import deque
 from collections.abc import Container, Mapping, Sequence
 from typing import Any
@@ -74,8 +75,11 @@ class Picture:
 
     def past(self, step: int) -> dict[str, Any]:
         """Return the frames of a past step by topic, as far as they are archived."""
+        return {**self.archive.at(step), "events": self.events_until(step)}
+
+    def events_until(self, step: float = math.inf, most: int = SHOWN_EVENTS) -> list[frames.Frame]:
         events = [event for event in self._events.values() if event.step <= step]
-        return {**self.archive.at(step), "events": frames.events_frame(events[-SHOWN_EVENTS:])}
+        return frames.events_frame(events[-most:])
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
         """Return at most `NEWEST_ROWS` rows before a step, for trails and plot."""
@@ -155,7 +159,7 @@ class Picture:
         expected = max(self._events, default=-1) + 1
         if new.keys() - self._events.keys():
             self._events = dict(sorted((self._events | new).items())[-MAX_EVENTS:])
-            self._set("events", frames.events_frame(list(self._events.values())[-SHOWN_EVENTS:]))
+            self._set("events", self.events_until())
         return min(new, default=expected) <= expected
 
     def _forget(self) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from clustermcl.view.picture import Picture
+from clustermcl.view.picture import MAX_EVENTS, Picture
 
 _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
@@ -17,7 +17,8 @@ def saved_run(picture: Picture) -> str:
     """Return an HTML page that plays all archived steps of a run."""
     archived = msgspec.json.encode(picture.archive.everything())
     past = base64.b64encode(zlib.compress(archived, 9)).decode()
-    shown = {**picture.everything(), "past": past}
+    events = picture.events_until(most=MAX_EVENTS)
+    shown = {**picture.everything(), "past": past, "events": events}
     if picture.map is not None:
         packed = base64.b64encode(picture.map.zlib_cells).decode()
         shown["map"] = {**shown["map"], "packed": packed}

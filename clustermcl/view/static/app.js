@@ -7,7 +7,7 @@ import { MapView } from "./map_view.js";
 import { clock, hint, isOld, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showStep, showWorkers } from "./panel.js";
 import { drawPlot, rowText, SHOWN_STEPS, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
-import { ROW_PLACES, StepRows } from "./step_rows.js";
+import { rowOf, StepRows } from "./step_rows.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
@@ -83,8 +83,7 @@ const TAKE = {
   past: (frames) => travel.onPast(frames),
   step(frame) {
     now.step = frame;
-    const likely = frame.places.slice(0, ROW_PLACES); // as in the rows of the server
-    known.add([frame.step, likely.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
+    known.add(rowOf(frame));
     if (frame.places[0]?.p >= SURE) view.advice = [];
     const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
     if (travel.at !== null) {

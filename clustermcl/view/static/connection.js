@@ -1,5 +1,6 @@
 // The WebSocket to the server, reopened whenever it closes. A page saved as a file has none.
 import { unpacked } from "./map_picture.js";
+import { rowOf } from "./step_rows.js";
 
 const LOOK_BACK_STEPS = 100; // as in `step_archive.py`
 const LONGEST_PAUSE_MS = 4000, FIRST_PAUSE_MS = 250;
@@ -46,7 +47,9 @@ export class Connection {
   /** @param past [step, topic, frame] of all steps, packed */
   async openSaved({ past, ...frames }) {
     this.past = { entries: await unpacked(past).json(), events: frames.events ?? [] };
-    this.opened = this.take(frames);
+    const steps = this.past.entries.filter(([, topic]) => topic === "step");
+    const rows = [...new Map(steps.map(([at, , frame]) => [at, rowOf(frame)])).values()];
+    this.opened = this.take({ ...frames, history: { oldest: rows[0]?.[0] ?? 0, rows } });
   }
 
   /** What the server would answer. */

@@ -1,7 +1,11 @@
 // The rows of the steps so far, for trails and plot. Missing rows, old or skipped by a slow page, are
 // requested in pieces, those around the shown step first.
 const USUAL_ROWS = 10000, PIECE_ROWS = 1000, ASKED_AFTER_MS = 500;
-export const ROW_PLACES = 16;
+const ROW_PLACES = 16;
+
+/** The row of a step's frame, as the server makes it. */
+export const rowOf = ({ step, places, truth }) =>
+  [step, places.slice(0, ROW_PLACES).map((p) => [p.cluster, p.slot, p.p, ...p.pose]), truth];
 
 export class StepRows {
   /** @param ask requests the rows before a step; onEarlier takes them */

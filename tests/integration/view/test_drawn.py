@@ -229,8 +229,8 @@ def many_places(step: int) -> Belief:
 def test_a_run_that_was_saved_plays_without_a_server(
     stage: Stage, driver: Any, tmp_path: Path
 ) -> None:
-    play(stage, range(30))
-    stage.picture.on_events(events(3))
+    play(stage, range(1200))
+    stage.picture.on_events(events(*range(150)))
     stage.picture.on_link("finished")
     file = tmp_path / "run.html"
     file.write_text(saved_run(stage.picture))
@@ -239,7 +239,7 @@ def test_a_run_that_was_saved_plays_without_a_server(
     truth = page.run("return liveView.view.step.truth")
     assert truth == pytest.approx([1.04, 2.0, 0.0])
     page.click("play")
-    wait_until(lambda: shown_step(page) == 29)
+    wait_until(lambda: shown_step(page) == 1199)
     wait_until(lambda: page.text("slider-step") == "end")
     assert page.console() == []
 
@@ -256,6 +256,9 @@ return boxes.flatMap(([id, box], i) => boxes.slice(i + 1).filter(([, other]) =>
 
 def test_a_row_of_the_list_is_chosen_by_keyboard_and_keeps_the_focus(
     stage: Stage, drawn: Page
+    assert [row[0] for row in page.history()] == list(range(1200))
+    assert "place 4 found" in page.text("events")
+    page.run("liveView.travel.goTo(1190)")
 ) -> None:
     stage.picture.on_belief(replace(belief(1, 4, 7), elsewhere_probability=0.25))
     shows(stage, lambda: len(drawn.run(ROWS)) == 2)
