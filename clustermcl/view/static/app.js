@@ -22,7 +22,7 @@ let hovered = null; // step of the plot under the pointer
 
 const known = new StepRows((before) => connection.send({ type: "earlier", before }));
 const connection = new Connection(take, () => {
-  travel.onLost();
+  if (connection.isOpen) travel.onOpen();
   showLink();
 }, () => view.drawMs > SLOW_MS);
 const travel = new TimeTravel(
@@ -67,8 +67,9 @@ const TAKE = {
     view.redraw();
   },
   history(frame) {
+    const before = known.range;
     known.begin(frame);
-    if (!known.rows.length) {
+    if (!(known.range?.[1] >= before?.[1])) { // steps are counted again
       [now.step, now.events] = [null, []];
       travel.toNow();
     }
@@ -182,6 +183,7 @@ function showPast(frames) {
   steering.onTravel();
   if (system.story) showCaption(null);
   if (!frames.step) {
+    if (!view.step) travel.toNow();
     hint("That step is no longer kept.", true, CONFIRMED_MS);
     return;
   }
@@ -315,4 +317,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests and for the console. */
-window.liveView = { view, take, travel, history: () => known.rows, get system() { return system; } };
+window.liveView = { view, take, travel, connection, history: () => known.rows, get system() { return system; } };

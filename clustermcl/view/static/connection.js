@@ -13,7 +13,7 @@ export class Connection {
    * @param isSlow whether messages should wait until the last one is drawn
    */
   constructor(take, changed, isSlow) {
-    Object.assign(this, { take, changed, isSlow, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0 });
+    Object.assign(this, { take, changed, isSlow, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0, taken: Promise.resolve() });
   }
 
   open() {
@@ -29,12 +29,10 @@ export class Connection {
       this.isOpen = true;
       this.drawn = 0;
       this.pause = FIRST_PAUSE_MS;
+      this.changed();
     };
-    this.socket.onmessage = async ({ data }) => {
-      await this.take(JSON.parse(data));
-      this.drawn += 1;
-      if (this.drawn >= DRAWN_EVERY || this.isSlow()) this.acknowledge();
-      else this.timer ||= setTimeout(() => this.acknowledge(), DRAWN_WITHIN_MS);
+    this.socket.onmessage = ({ data }) => { // one after the other, also while a map is fetched
+      this.taken = this.taken.catch(() => {}).then(() => this.onMessage(data));
     };
     this.socket.onclose = () => {
       this.isOpen = false;
@@ -42,6 +40,13 @@ export class Connection {
       setTimeout(() => this.open(), this.pause);
       this.pause = Math.min(2 * this.pause, LONGEST_PAUSE_MS);
     };
+  }
+
+  async onMessage(data) {
+    await this.take(JSON.parse(data));
+    this.drawn += 1;
+    if (this.drawn >= DRAWN_EVERY || this.isSlow()) this.acknowledge();
+    else this.timer ||= setTimeout(() => this.acknowledge(), DRAWN_WITHIN_MS);
   }
 
   /** @param past [step, topic, frame] of all steps, packed */

@@ -66,9 +66,10 @@ export class TimeTravel {
     if (this.at !== asked) this.askFor(this.at);
   }
 
-  /** The connection was lost, and with it the request. */
-  onLost() {
+  /** The connection was opened again; requests before are lost. */
+  onOpen() {
     this.asked = null;
+    if (this.at !== null) this.askFor(this.at);
   }
 
   next(by = 1) {

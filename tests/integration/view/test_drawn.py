@@ -139,8 +139,8 @@ def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> No
     press(drawn, ",")
     shows(stage, lambda: shown_step(drawn) == 18)
     assert not drawn.is_visible("hint"), "a pose is given for now only"
-    drawn.run("liveView.travel.goTo(7)")
-    shows(stage, lambda: shown_step(drawn) == 7)
+    drawn.run("liveView.connection.socket.close(); liveView.travel.goTo(7)")
+    shows(stage, lambda: shown_step(drawn) == 7)  # asked for when it is connected again
     assert drawn.run("return location.hash") == "#step=7"
     assert drawn.text("slider-step") == "step 7"
     assert drawn.text("clock") == "0:07"
@@ -156,6 +156,19 @@ def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> No
     assert shown_step(drawn) == 22
     assert drawn.run("return location.hash") == ""
     shows(stage, lambda: "place 15" in drawn.text("events"))
+    press(drawn, ",")
+    believe(stage, drawn, belief(0, 1))  # the system begins again, and so does the page
+
+
+def test_what_arrives_while_a_map_is_fetched_is_shown_after_it(stage: Stage, drawn: Page) -> None:
+    drawn.run("const now = fetch, later = new Promise((done) => setTimeout(done, 500));"
+              "window.fetch = (...what) => later.then(() => now(...what))")  # fmt: skip
+    stage.show_map(121, 200)
+    for step in (0, 1):
+        stage.picture.on_belief(belief(step, 1))
+        stage.pump()
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.rows === 121"))
+    assert shown_step(drawn) == 1
 
 
 def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
@@ -169,6 +182,9 @@ def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
               "new MouseEvent('click', {clientX: 0, bubbles: true}))")  # fmt: skip
     shows(stage, lambda: shown_step(drawn) == 0)  # its left end: the plot is of that time
     has_steps(stage, drawn, 4000)  # all others come afterwards, also those skipped for speed
+    drawn.driver.get("about:blank")
+    drawn.driver.get(f"{stage.server.link}#step=9999")  # which is not kept
+    shows(stage, lambda: shown_step(drawn) == 3999)
 
 
 def test_the_simulated_robot_is_kidnapped(stage: Stage, drawn: Page) -> None:
