@@ -1,5 +1,6 @@
 // The floors of a building: tabs with their probabilities, and positions on each floor.
 // What is drawn is in the atlas, in which the floors lie side by side.
+import { whenReleased } from "./lists.js";
 import { colourOf, percent } from "./palette.js";
 
 let floors = []; // { name, shift: [x, y], low: [x, y], high: [x, y] }; none for a single map
@@ -37,6 +38,11 @@ export function showFloors(view, step) {
   if (!floors.length) return;
   const best = places.length ? onFloor(places[0].pose).floor : view.floor;
   show(view, floors.find(({ name }) => name === picked) ?? best);
+  whenReleased(nav, () => fillTabs(nav, view, step, best));
+}
+
+function fillTabs(nav, view, step, best) {
+  const places = step?.places ?? [], focused = [...nav.children].indexOf(document.activeElement);
   nav.replaceChildren(...byFloor(places.map(({ p, pose }) => ({ p, at: pose }))).map(({ name, slot, p }) => {
     const tab = document.createElement("button");
     tab.textContent = `${name} ${percent(p)}`;
@@ -55,6 +61,7 @@ export function showFloors(view, step) {
     }
     return tab;
   }));
+  nav.children[focused]?.focus({ preventScroll: true });
 }
 
 function show(view, floor) {

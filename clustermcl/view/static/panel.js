@@ -1,6 +1,7 @@
 // Fills the panel next to the map.
 import { BEAM_COLOURS } from "./beams.js";
 import { onFloor } from "./floors.js";
+import { whenReleased } from "./lists.js";
 import { colourOf, isDashed, percent } from "./palette.js";
 
 const $ = (id) => document.getElementById(id);
@@ -95,7 +96,9 @@ export function clock(stamp_s) {
 
 export const seconds = (s) => `${s < 10 ? s.toFixed(1) : s.toFixed(0)} s`;
 
-export function showClusters(places, view, elsewhere, offMap) {
+export const showClusters = (...shown) => whenReleased($("clusters"), () => fillClusters(...shown));
+
+function fillClusters(places, view, elsewhere, offMap) {
   const focused = document.activeElement.closest("#clusters li")?.dataset.cluster;
   $("cluster-count").textContent = places.length || "";
   const rows = places.map((place) => {

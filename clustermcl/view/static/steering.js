@@ -6,6 +6,7 @@ import { hint } from "./panel.js";
 const $ = (id) => document.getElementById(id);
 const KEY_PAN = 60, KEY_ZOOM = 1.3, CLICK_PX = 4;
 const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
+const IS_HELD = /^(Arrow|[+=.,-])/; // of other keys, being held means nothing
 const PLACING = { // meanings of an arrow dragged on the map
   "set_pose": ["set-pose", "Press where the robot is, drag to where it looks; wheel, + and −: how sure you are. Esc: no."],
   "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
@@ -66,7 +67,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     pointers.set(event.pointerId, at(event));
     pressedAt = at(event);
     if (!placing) canvas.classList.add("dragging");
-    else if (pointers.size === 1) startPlacing(at(event));
+    else if (pointers.size === 1 && event.button === 0) startPlacing(at(event));
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
@@ -137,7 +138,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!act) return;
     event.preventDefault();
-    act();
+    if (!event.repeat || IS_HELD.test(event.key)) act();
   });
 
   $("zoom-in").onclick = keys["+"];

@@ -199,7 +199,9 @@ def test_the_simulated_robot_is_kidnapped(stage: Stage, drawn: Page) -> None:
     stage.picture.on_status(status(processes=(simulator(),)))
     shows(stage, lambda: drawn.is_visible("kidnap"))
     assert drawn.text("sources") == "eye exit\n70 % false"
-    press(drawn, "kk")
+    drawn.run("for (const repeat of [false, true]) document.dispatchEvent("
+              "new KeyboardEvent('keydown', {key: 'k', repeat}))")  # fmt: skip
+    press(drawn, "k")  # for the second time: before, it was held
     shows(stage, lambda: [type(one) for one in stage.commands] == [Kidnap])
     drawn.click("kidnap")
     start = drawn.screen_of(3.0, 3.0)
@@ -214,7 +216,7 @@ def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
     drawn.click("set-pose")
     drawn.hover_on_map(drawn.screen_of(3.0, 3.0))
     before = drawn.section()
-    drawn.actions().click_and_hold().move_by_offset(50, 0).perform()
+    drawn.actions().context_click().click_and_hold().move_by_offset(50, 0).perform()
     press(drawn, "--")  # narrower
     assert drawn.text("hint") == "± 0.30 m"
     drawn.actions().release().perform()
@@ -285,6 +287,11 @@ def test_a_row_of_the_list_is_chosen_by_keyboard_and_keeps_the_focus(
     stage.picture.on_belief(belief(2, 7, 4))
     shows(stage, lambda: drawn.run(ROWS)[0] == "7")
     assert drawn.run("return document.activeElement.closest('li').dataset.cluster") == "7"
+    drawn.actions().click_and_hold(drawn.driver.switch_to.active_element).perform()
+    stage.picture.on_belief(belief(3, 7, 4))
+    shows(stage, lambda: drawn.text("step") == "3")
+    drawn.actions().release().perform()
+    assert drawn.run("return liveView.view.selected") is None, "pressed again, as steps went on"
 
 
 ROWS = """

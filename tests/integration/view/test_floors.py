@@ -15,7 +15,7 @@ from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.settings import Settings
 from clustermcl.view.recorded_run import best_pose
 from clustermcl.view.saved_page import saved_run
-from tests.integration.view.page import Page
+from tests.integration.view.page import Page, press
 from tests.integration.view.stage import Stage
 from tests.integration.view.test_drawn import page_of, shows
 from tests.integration.waiting import wait_until
@@ -58,9 +58,11 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
         (other,) = {place.floor for place in belief.hypotheses} - {best}
         assert f"place {belief.hypotheses[1].cluster}, {other}" in page.text("clusters")
         number = floors.names.index("ground")
-        page.run(f"document.querySelectorAll('#floors button')[{number}].click()")
+        page.run(f"document.querySelectorAll('#floors button')[{number}].focus()")
+        press(page, "\ue007")  # Enter
         page.run("liveView.travel.goTo(100)")  # the robot was in the ground floor
         shows(stage, lambda: page.run(TABS)[number][0].split()[1] == "100")
+        assert page.run("return document.activeElement.innerText").startswith("ground")
         page.run("liveView.travel.toNow()")
         x, y, _ = floors.in_atlas("ground", (-4.0, -2.0, 0.0))
         left, top = page.run(f"return liveView.view.screenOf([{x}, {y}])")
