@@ -84,7 +84,7 @@ export class MapView {
     const [over, under, tools] = ["above", "below", "tools"].map((id) => document.getElementById(id));
     const above = MARGIN + over.offsetTop + over.offsetHeight;
     const below = MARGIN + height - under.offsetTop - tools.offsetTop;
-    const scale = bounded(Math.min((width - 3 * MARGIN) / (east - west), (height - above - below) / (north - south)));
+    const scale = bounded(Math.min((width - 3 * MARGIN) / (east - west), Math.max(height - above - below, height / 4) / (north - south)));
     this.view = { x: (west + east) / 2, y: (south + north - (below - above) / scale) / 2, scale };
     this.setFollow(false);
     this.isFitted = true;

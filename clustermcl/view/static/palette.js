@@ -32,4 +32,7 @@ export function prepared(canvas) {
   return { context, width, height, ratio };
 }
 
+/** A number with so many decimals, and no sign if it is 0 by them. */
+export const fixed = (value, decimals) => value?.toFixed(decimals).replace(/^-(?=[0.]*$)/, "");
+
 export const percent = (p) => (p >= 0.9995 ? "100 %" : p < 0.001 ? "< 0.1 %" : `${(100 * p).toFixed(p < 0.0995 ? 1 : 0)} %`);

@@ -2,7 +2,7 @@
 import { BEAM_COLOURS } from "./beams.js";
 import { onFloor } from "./floors.js";
 import { whenReleased } from "./lists.js";
-import { colourOf, isDashed, percent } from "./palette.js";
+import { colourOf, fixed, isDashed, percent } from "./palette.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -50,9 +50,9 @@ export function showPose(frame, at, ago = "") {
   const sigma = pose.covariance ? [0, 4, 8].map((at) => Math.sqrt(Math.max(pose.covariance[at], 0))) : [];
   const shown = (value, error, unit) => value === undefined ? ["–"]
     : [`${value}${unit}`, ...(error === undefined ? [] : [element("small", `± ${error}${unit}`)])];
-  $("x").replaceChildren(...shown(x?.toFixed(2), sigma[0]?.toFixed(2), " m"));
-  $("y").replaceChildren(...shown(y?.toFixed(2), sigma[1]?.toFixed(2), " m"));
-  const degrees = (value) => value && (value * 180 / Math.PI).toFixed(0);
+  $("x").replaceChildren(...shown(fixed(x, 2), sigma[0]?.toFixed(2), " m"));
+  $("y").replaceChildren(...shown(fixed(y, 2), sigma[1]?.toFixed(2), " m"));
+  const degrees = (value) => fixed(value && value * 180 / Math.PI, 0);
   $("heading").replaceChildren(...shown(degrees(heading), degrees(sigma[2]), "°"));
   $("probability").textContent = pose.pose ? percent(pose.probability) : "–";
   showAge();
@@ -105,7 +105,7 @@ function fillClusters(places, view, elsewhere, offMap) {
     const row = element("li"), button = element("button", "", "row");
     row.style.setProperty("--chip", colourOf(place.slot));
     const { floor, x, y } = onFloor(place.pose), on = floor ? `, ${floor.name}` : "";
-    row.title = `(${x.toFixed(2)}, ${y.toFixed(2)}) m${on}, ${place.age} steps old; click to show it and its beams${place.why && `
+    row.title = `(${fixed(x, 2)}, ${fixed(y, 2)}) m${on}, ${place.age} steps old; click to show it and its beams${place.why && `
 ${place.why}`}`;
     row.dataset.cluster = place.cluster;
     row.append(button);

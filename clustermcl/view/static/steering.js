@@ -1,12 +1,13 @@
 // Pointer, wheel, keys and buttons: the visible section, and commands.
 import { changeAt } from "./changes.js";
 import { onFloor } from "./floors.js";
+import { fixed } from "./palette.js";
 import { hint } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
 const KEY_PAN = 60, KEY_ZOOM = 1.3, CLICK_PX = 4;
-const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
 const IS_HELD = /^(Arrow|[+=.,-])/; // of other keys, being held means nothing
+const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
 const PLACING = { // meanings of an arrow dragged on the map
   "set_pose": ["set-pose", "Press where the robot is, drag to where it looks; wheel, + and −: how sure you are. Esc: no."],
   "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
@@ -72,7 +73,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
     const point = view.mapOf(now), { x, y } = onFloor(point);
-    $("cursor").textContent = [x, y].map((m, i) => `${"xy"[i]} ${m.toFixed(2)}`).join("  ") + " m" + changeAt(view, point);
+    $("cursor").textContent = [x, y].map((m, i) => `${"xy"[i]} ${fixed(m, 2)}`).join("  ") + " m" + changeAt(view, point);
     if (!before) {
       view.point(view.clusterAt(now));
       return;

@@ -256,6 +256,9 @@ def test_a_run_that_was_saved_plays_without_a_server(
     wait_until(lambda: shown_step(page) == 4)
     truth = page.run("return liveView.view.step.truth")
     assert truth == pytest.approx([1.04, 2.0, 0.0])
+    assert [row[0] for row in page.history()] == list(range(1200))
+    assert "place 4 found" in page.text("events")
+    page.run("liveView.travel.goTo(1190)")
     page.click("play")
     wait_until(lambda: shown_step(page) == 1199)
     wait_until(lambda: page.text("slider-step") == "end")
@@ -274,9 +277,6 @@ return boxes.flatMap(([id, box], i) => boxes.slice(i + 1).filter(([, other]) =>
 
 def test_a_row_of_the_list_is_chosen_by_keyboard_and_keeps_the_focus(
     stage: Stage, drawn: Page
-    assert [row[0] for row in page.history()] == list(range(1200))
-    assert "place 4 found" in page.text("events")
-    page.run("liveView.travel.goTo(1190)")
 ) -> None:
     stage.picture.on_belief(replace(belief(1, 4, 7), elsewhere_probability=0.25))
     shows(stage, lambda: len(drawn.run(ROWS)) == 2)
@@ -326,7 +326,8 @@ NOWHERE = {"hypotheses": (), "searching": True}
      {"state": "searching", "probability": "–", "announced": "searching"}),
     ({"hypotheses": belief(5, *range(64)).hypotheses}, {"probability": 0.09},
      {"state": "ambiguous, 64 places", "probability": "9.0 %", "freshness": "0."}),
-    ({"state": "localized"}, {"probability": 0.912}, {"state": "localized", "probability": "91 %"}),
+    ({"state": "localized"}, {"probability": 0.912, "pose": (-0.001, 2.0, 0.5)},
+     {"state": "localized", "probability": "91 %", "now": "x\n0.00 m"}),
     ({"state": "lost", "elsewhere_probability": 0.93, "off_map_probability": 0.6, **NOWHERE}, {},
      {"state": "lost", "of": "probably not on this map"}),
     ({"state": "localized"}, {"freshness": "stale", "age_s": 42.0},
@@ -397,6 +398,8 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page) -> None:
 
     shows_text(2, "Two places are possible")
     assert not drawn.is_visible("again")
+    with drawn.on_screen("320x568"):
+        shows(stage, lambda: drawn.section()["scale"] > 12)  # there is room for the map
     shows_text(6, "fits one place alone", state="localized")
     drawn.click("again")
     shows(stage, lambda: [type(one) for one in stage.commands] == [Relocalize])
