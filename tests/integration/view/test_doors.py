@@ -42,12 +42,6 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         assert process.wait() == 0, "an open page does not hold it"
 
 
-def served(start_process: StartProcess, no_router: str, *arguments: str) -> RunningProcess:
-    process = start_process(python_module("clustermcl.view", "--set", no_router, *arguments))
-    process.wait_for("look at")
-    return process
-
-
 def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]:
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
     connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
@@ -108,7 +102,9 @@ def test_on_other_addresses_the_page_needs_the_token_and_is_read_only(
     start_process: StartProcess, no_router: str
 ) -> None:
     port = free_port()
-    process = served(start_process, no_router, "--listen", f"0.0.0.0:{port}")
+    words = ("--set", no_router, "--listen", f"0.0.0.0:{port}")
+    process = start_process(python_module("clustermcl.view", *words))
+    process.wait_for("look at")
     token = re.search(r"\?token=([\w-]+)", process.err)
     assert token is not None
     assert [got(port, path)[0] for path in ("/", "/app.js")] == [403, 403]

@@ -195,32 +195,28 @@ def test_each_cluster_has_a_slot_of_its_own_that_never_changes(steps: list[set[i
     assert colour_slots({}, [3, 11, 5]) == {3: 3, 11: 0, 5: 5}, "as in the plots where it is free"
 
 
-class _Page:
-    def __init__(self) -> None:
-        self.received: list[bytes] = []
-        self.browser = Browser(self.received.append)
-
-
 def test_nothing_is_sent_while_a_slow_page_draws() -> None:
-    page = _Page()
-    page.browser.offer({"map": b"m", "step": b"1"})
-    page.browser.on_drawn(Drawn(1, slow=True))
-    page.browser.offer({"step": b"2"})
-    page.browser.offer({"step": b"3"})
-    assert page.received == [b"{m,1}", b"{2}"], "a new page gets all frames in one message"
+    received: list[bytes] = []
+    browser = Browser(received.append)
+    browser.offer({"map": b"m", "step": b"1"})
+    browser.on_drawn(Drawn(1, slow=True))
+    browser.offer({"step": b"2"})
+    browser.offer({"step": b"3"})
+    assert received == [b"{m,1}", b"{2}"], "a new page gets all frames in one message"
     for _ in range(2):  # the second has no new frame to send
-        page.browser.on_drawn(Drawn(1, slow=True))
-        assert page.received == [b"{m,1}", b"{2}", b"{3}"]
+        browser.on_drawn(Drawn(1, slow=True))
+        assert received == [b"{m,1}", b"{2}", b"{3}"]
 
 
 @pytest.mark.parametrize("together", [1, MESSAGES_AHEAD])
 def test_the_newest_frame_of_each_topic_waits_for_a_fast_page(together: int) -> None:
-    page = _Page()
+    received: list[bytes] = []
+    browser = Browser(received.append)
     for number in range(100):
-        page.browser.offer({"step": b"%d" % number, "pose": b"p"})
-    assert len(page.received) == MESSAGES_AHEAD
-    page.browser.on_drawn(Drawn(together))
-    assert page.received[MESSAGES_AHEAD:] == [b"{99,p}"]
+        browser.offer({"step": b"%d" % number, "pose": b"p"})
+    assert len(received) == MESSAGES_AHEAD
+    browser.on_drawn(Drawn(together))
+    assert received[MESSAGES_AHEAD:] == [b"{99,p}"]
 
 
 def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
