@@ -237,7 +237,7 @@ function isLive() {
 function showLink() {
   const isPast = connection.isOpen && RECORDED.includes(system.link);
   let text = "";
-  if (!connection.isOpen) text = "The page's server does not answer; trying again. Is `clustermcl view` still running?";
+  if (!connection.isOpen) text = "The page's server does not answer; trying again. Is `clustermcl view` still running? If its link has a token, it has another one after a start.";
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
   else if (system.link === "no system") text = `The router answers, but no coordinator localizes ${system.robot} yet: waiting.`;
   else if (system.link === "replaying") text = "Reading the recording: more steps follow.";

@@ -46,7 +46,7 @@ export class MapView {
   // --- data ---
 
   setMap(frame, cells) {
-    const another = !this.map || this.map.frame.cell_m * this.map.frame.cols !== frame.cell_m * frame.cols;
+    const another = !this.map || extent(this.map.frame) !== extent(frame);
     this.map = { frame, cells };
     this.map.picture = pictureOf(this.map);
     setFloors(this, frame);
@@ -261,4 +261,5 @@ export class MapView {
   }
 }
 
+const extent = ({ cell_m, cols, rows, origin }) => `${cell_m * cols} ${cell_m * rows} ${origin}`;
 const bounded = (scale) => Math.min(Math.max(scale, ZOOM_RANGE[0]), ZOOM_RANGE[1]);

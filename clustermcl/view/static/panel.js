@@ -68,7 +68,7 @@ export function showAge() {
   $("now").dataset.freshness = freshness;
   showHeadline();
   const old = OLD[freshness], { state } = $("now").dataset;
-  announce([old ? `${old}, last known: ${state}` : state, before].filter(Boolean).join(", "));
+  announce([old ? `${old}, last known: ${state}` : state, before && "looking back"].filter(Boolean).join(", "));
   $("freshness").textContent = before || {
     ended: "the run has ended",
     recorded: "recorded",

@@ -51,9 +51,7 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
         shows(stage, lambda: page.run(TABS) and page.text("x").startswith(f"{shown[0]:.2f}"))
         assert [tab[0].split()[0] for tab in page.run(TABS)] == ["ground", "first", "second"]
         tabs, best = page.run(TABS), belief.floor
-        pressed = [
-            text.split()[0] for text, is_pressed, _ in page.run(TABS) if is_pressed == "true"
-        ]
+        pressed = [text.split()[0] for text, is_pressed, _ in tabs if is_pressed == "true"]
         assert pressed == [best]
         (other,) = {place.floor for place in belief.hypotheses} - {best}
         assert f"place {belief.hypotheses[1].cluster}, {other}" in page.text("clusters")
@@ -71,10 +69,8 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
         shows(stage, lambda: stage.commands)
         (command,) = stage.commands
         assert isinstance(command, SetPose)
-        assert (command.floor, command.pose) == (
-            "ground",
-            pytest.approx((-4.0, -2.0, 0.0), abs=0.1),
-        )
+        assert command.floor == "ground"
+        assert command.pose == pytest.approx((-4.0, -2.0, 0.0), abs=0.1)
         (tmp_path / "run.html").write_text(saved_run(stage.picture))
     assert page.console() == []
     saved = Page(driver, f"{(tmp_path / 'run.html').as_uri()}#step=139")
