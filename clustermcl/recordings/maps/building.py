@@ -35,7 +35,7 @@ GAP_M = 40.0
 """Distance between floors in the atlas, in unknown ground: indoors, lasers see less far."""
 MAX_BUILDING_BYTES = 64 * 1024
 _SAME_CELL = 1e-6
-_IS_BUILDING = re.compile(rb"^[ \t{]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
+_IS_BUILDING = re.compile(rb"^[ \t{\xef\xbb\xbf]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
 _PACKAGE = re.compile(r"package://[^/]+/|\$\(find [^)]+\)/")
 
 _File: TypeAlias = Annotated[str, Meta(min_length=1)]
@@ -176,25 +176,13 @@ def atlas_of(
 def _parsed(content: bytes, path: Path) -> _Building:
     if len(content) > MAX_BUILDING_BYTES:
         raise MapFileError(path, too_long_problem(MAX_BUILDING_BYTES))
-    values, _ = yaml_of(content, path, MapFileError)
+    values, _ = yaml_of(content, path, MapFileError, is_unique=True)
     kind: Any = _Levels if isinstance(values, dict) and "maps" in values else _Building
     try:
-        read: _Levels | _Building = converted(_with_text_keys(values), kind)
+        read: _Levels | _Building = converted(values, kind)
         return read.building() if isinstance(read, _Levels) else read
     except (ValueError, OverflowError, RecursionError) as error:
         raise MapFileError(path, f"not a building: {printable(str(error))}") from None
-
-
-def _with_text_keys(value: Any) -> Any:
-    """Return a value of YAML in which numbers as names of floors are text."""
-    if isinstance(value, list):
-        return [_with_text_keys(each) for each in value]
-    if isinstance(value, dict):
-        return {
-            str(key) if isinstance(key, int) else key: _with_text_keys(each)
-            for key, each in value.items()
-        }
-    return value
 
 
 def _found(file: str, building: Path) -> Path:

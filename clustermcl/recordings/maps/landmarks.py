@@ -52,7 +52,7 @@ def load_landmarks(path: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark
     """
     path = Path(path)
     content = read_decompressed(path, LandmarksFileError, _MAX_BYTES)
-    written, _ = yaml_of(content, path, LandmarksFileError)
+    written, _ = yaml_of(content, path, LandmarksFileError, is_unique=True)
     try:
         entries = converted(written, _File).landmarks
     except (ValueError, RecursionError) as error:

@@ -111,7 +111,7 @@ def _header(content: bytes, path: Path) -> _Header:
         raise MapFileError(
             path, f"more than {MAX_HEADER_BYTES} bytes: a map_server file has a few hundred"
         )
-    values, lines = yaml_of(content, path, MapFileError)
+    values, lines = yaml_of(content, path, MapFileError, is_unique=True)
     if isinstance(values, dict) and isinstance(values.get("mode"), str):
         values["mode"] = values["mode"].lower()
     try:  # not strict: `negate` is 0 or 1

@@ -49,7 +49,7 @@ def test_the_cells_of_each_floor_are_in_the_atlas_unchanged(tmp_path: Path) -> N
 
 
 def test_a_building_with_one_floor_is_its_map(tmp_path: Path) -> None:
-    path = write_building(tmp_path, "floors: {ground: ground.yaml}")
+    path = write_building(tmp_path, "\ufefffloors: {ground: ground.yaml}")  # as Windows saves
     alone, one_floor = load_map(tmp_path / "ground.yaml"), load_map(path)
     assert one_floor.digest == alone.digest
     assert one_floor.floors == ONE_MAP
@@ -81,17 +81,17 @@ def test_buildings_of_multi_level_map_server_are_read(tmp_path: Path) -> None:
     path = tmp_path / "maps" / "multi" / "multimap.yaml"
     path.write_text(
         "maps:\n"
-        "  1: {yaml: package://gdc/ground.yaml, origin: [0, 0, 0, 0, 0, 0]}\n"
+        "  01: {yaml: package://gdc/ground.yaml, origin: [0, 0, 0, 0, 0, 0]}\n"
         "  third: {yaml: ../../third.yaml, origin: [0, 0, 5, 0, 0, 0], data_directory: x}\n"
         "links:\n"
-        "  - from_point: {level_id: '1', point: [1, 4, 0]}\n"
+        "  - from_point: {level_id: '01', point: [1, 4, 0]}\n"
         "    to_point: {level_id: third, point: [3, -1, 0]}\n"
     )
     floors = load_map(path).floors
     assert [(floor.name, floor.height_m) for floor in floors.floors] == [
-        ("1", 0.0), ("third", 5.0)
+        ("01", 0.0), ("third", 5.0)
     ]  # fmt: skip
-    assert floors.links[0].at == {"1": (1.0, 4.0), "third": (3.0, -1.0)}
+    assert floors.links[0].at == {"01": (1.0, 4.0), "third": (3.0, -1.0)}
 
 
 def test_a_building_travels_as_a_message(tmp_path: Path) -> None:
@@ -110,6 +110,7 @@ TWO = "floors: {ground: ground.yaml, third: third.yaml}\n"
     ("floors: {ground: ground.yaml, third: building.yaml}", "a floor is a single map"),
     ("floors: {ground: ground.png, third: third.yaml}", "floor 'ground': .*is an image"),
     ("floors: {}", "not a building"),
+    ("floors:\n  1: ground.yaml\n  '1': third.yaml", "building.yaml:3: '1' is there twice"),
     ("floors: [ground.yaml]", "not a building"),
     ("floors: {ground: {map: ground.yaml, heigth_m: 1}}", "heigth_m"),
     ("floors: {ground: {map: ground.yaml, height_m: .nan}}", "not a building"),
