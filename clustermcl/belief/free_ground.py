@@ -82,7 +82,8 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
         off_in_grid = near[:, ::-1] * self.leaf_m - (x, y)
         c, s = math.cos(self.map_from_grid[2]), math.sin(self.map_from_grid[2])
         off = off_in_grid @ np.array([[c, s], [-s, c]])
-        if np.any(np.sum(off @ np.linalg.inv(spread) * off, axis=1) <= REACH_SIGMAS**2):
+        is_here = self.floors.on_floor(in_atlas)[0] == floor  # the next is 40 m beside it
+        if is_here and np.any(np.sum(off @ np.linalg.inv(spread) * off, axis=1) <= REACH_SIGMAS**2):
             return None
         x, y, _ = map_from_robot
         sigma_m = math.sqrt(max(variance - self.leaf_m**2 / 12, 0.0))

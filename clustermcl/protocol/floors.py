@@ -96,13 +96,12 @@ class Floors(Part, frozen=True):
         return x + right, y + up, heading
 
     def area(self, floor: str, near: Circle | None) -> tuple[Circle | None, Corners | None]:
-        """Return a circle in the atlas, or the corners of the floor if there is no circle."""
+        """Return a circle in the atlas, if one is given, and the corners of the floor."""
         if not floor:
             return near, None
         here = self.floor(floor)
-        if near is None:
-            return None, (here.low, here.high)
-        return (near[0] + here.shift[0], near[1] + here.shift[1], near[2]), None
+        circle = near and (near[0] + here.shift[0], near[1] + here.shift[1], near[2])
+        return circle, (here.low, here.high)
 
     def rides(self, pose: PoseTuple) -> tuple[PoseTuple, ...]:
         """Return where a robot at a pose of the atlas is on the other floors of links in reach."""

@@ -77,8 +77,8 @@ class SearchSpace:
         leaf_m, all_leaves = leaf_cells * grid.cell_m, np.count_nonzero(free)
         tiles = free.shape, leaf_m, grid.map_from_grid
         for part in (
-            None if near is None else _in_circle(near, *tiles),
             None if corners is None else _in_rectangle(corners, *tiles),
+            None if near is None else _in_circle(near, *tiles),
         ):
             if part is not None and (inside := free & part).any():
                 free = inside

@@ -62,8 +62,10 @@ def test_a_pose_is_given_on_a_floor(building: GridMap) -> None:
         mcl.set_pose((1.0, 0.5, 0.1))
     with pytest.raises(CommandRefusedError, match="no floor 'attic'"):
         mcl.set_pose((1.0, 0.5, 0.1), floor="attic")
-    with pytest.raises(CommandRefusedError, match=r"no free ground .* of x 30.00 m, y 0.50 m"):
-        mcl.set_pose((30.0, 0.5, 0.1), floor="third")
+    beside_m = building.floors.floor("third").shift[0] - building.floors.floor("ground").shift[0]
+    for x, floor in ((30.0, "third"), (1.0 + beside_m, "ground")):
+        with pytest.raises(CommandRefusedError, match=rf"no free ground .* of x {x:.2f} m, y 0.50"):
+            mcl.set_pose((x, 0.5, 0.1), floor=floor)
     mcl.set_pose((1.0, 0.5, 0.1), floor="third")
     assert mcl.belief is not None
     assert mcl.belief.floor == "third"
@@ -79,6 +81,6 @@ def test_a_search_can_be_on_one_floor(building: GridMap) -> None:
     ):
         with pytest.raises(CommandRefusedError, match=says):
             mcl.relocalize(near, floor=floor)
-    mcl.relocalize(floor="ground")
+    mcl.relocalize((0.0, 0.0, 200.0), floor="ground")
     belief, _ = driven(mcl, drives, 60)
     assert {place.floor for place in belief.hypotheses} <= {"ground"}
