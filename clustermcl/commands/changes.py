@@ -60,16 +60,15 @@ def changes(
         if not named:
             raise SettingsError(NEED_MAP)
         grid_map = load_map_with_obstacles(named)
+        _check_is_one_floor(files, grid_map)
         found = changes_of_recording(recording, grid_map, settings)
     if since_s is not None:
         found = found.seen_within(since_s)
-    if files and grid_map.floors:
-        problem = "a building is not written: name the map of one floor, and its recording"
-        raise SettingsError(key="--output", problem=f"--output {output}: {problem}")
+    _check_is_one_floor(files, grid_map)
     if files:
         new, old, picture = files
-        save_ros_map(with_changes(grid_map, found), new)
         save_ros_map(grid_map, old)
+        save_ros_map(with_changes(grid_map, found), new)
         try:
             save(drawn_changes(grid_map, found, summary(found)), picture)
         except NoExtraError as error:
@@ -86,12 +85,22 @@ def _seconds_of(text: str) -> float:
 
 
 def _files(output: Path, map_file: str) -> list[Path]:
-    if output.resolve() == Path(map_file).resolve():
-        raise OutputError(output, "it is the map that the changes are of; name another file")
-    beside = [output.with_suffix(end) for end in (".old.yaml", ".changes.png")]
-    for file, ending in ((output, ".yaml"), *((file, "") for file in beside)):
-        check_output_file(file, ending)
-    return [output, *beside]
+    """Return the new map, the old one and the picture; none may replace what another has made."""
+    check_output_file(output, ".yaml")
+    files = [output, *(output.with_suffix(end) for end in (".old.yaml", ".changes.png"))]
+    images = [file.with_suffix(".png") for file in files]
+    for file in (*files, *images):
+        check_output_file(file)
+    is_of_another = not files[1].exists() and (output.exists() or images[0].exists())
+    if is_of_another or output.resolve() == Path(map_file).resolve():
+        raise OutputError(output, "a map that this command has not written is there; name another")
+    return files
+
+
+def _check_is_one_floor(files: Sequence[Path], grid_map: GridMap) -> None:
+    if files and grid_map.floors:
+        problem = "a building is not written: name the map of one floor, and its recording"
+        raise SettingsError(key="--output", problem=f"--output {files[0]}: {problem}")
 
 
 def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Changes]:

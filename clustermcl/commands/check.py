@@ -17,6 +17,7 @@ from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
 from clustermcl.evaluation.map_check.report import MapReport, report_of
 from clustermcl.protocol.errors import MapFileError
+from clustermcl.protocol.floors import Floors
 from clustermcl.recordings.maps.landmarks import landmarks_of_map
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles
 from clustermcl.runtime.output_files import check_output_file
@@ -75,12 +76,12 @@ def check(
     )
     if picture is not None:
         save(drawn_report(report, grid_map, changes), picture)
-    print_answer(msgspec.to_builtins(report) if as_json else lines_of(report))
+    print_answer(msgspec.to_builtins(report) if as_json else lines_of(report, grid_map.floors))
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)
 
 
-def lines_of(report: MapReport) -> Iterator[str]:
+def lines_of(report: MapReport, floors: Floors) -> Iterator[str]:
     ground = report.ground
     yield (
         f"{report.map}: {ground.cols} x {ground.rows} cells of {ground.cell_m} m, "
@@ -88,7 +89,7 @@ def lines_of(report: MapReport) -> Iterator[str]:
     )
     pieces = "in one piece" if ground.pieces == 1 else f"in {ground.pieces} pieces"
     yield f"free: {ground.free_m2:.0f} m2, {pieces}; unknown: {ground.unknown_share:.0%} of the map"
-    yield from _looks(report)
+    yield from _looks(report, floors)
     if report.agreement is not None:
         yield from _agreement(report.agreement)
     if not report.remarks:
@@ -97,7 +98,7 @@ def lines_of(report: MapReport) -> Iterator[str]:
         yield f"* {remark}"
 
 
-def _looks(report: MapReport) -> Iterator[str]:
+def _looks(report: MapReport, floors: Floors) -> Iterator[str]:
     looked_at = len(report.places)
     alone = sum(not place.look_alikes for place in report.places)
     how = f"a laser that sees {report.laser_range_m} m all around, up to {WAY_M:.0f} m of driving"
@@ -107,8 +108,8 @@ def _looks(report: MapReport) -> Iterator[str]:
         return
     places = (alike.pose, *alike.look_alikes)
     yield f"  these {len(places)} places look alike:"
-    for pose in places[:_MOST_PLACES]:
-        yield f"    {pose_text(pose)}"
+    for floor, pose in map(floors.on_floor, places[:_MOST_PLACES]):
+        yield f"    {pose_text(pose, floor)}"
     if len(places) > _MOST_PLACES:
         yield f"    and {len(places) - _MOST_PLACES} more"
 

@@ -119,6 +119,8 @@ def test_the_command_writes_the_new_map_of_a_recording(tmp_path: Path) -> None:
     assert load_map(tmp_path / "new.old.yaml").digest == load_map(old).digest
     assert (tmp_path / "new.changes.png").stat().st_size > 1000
     wrong = [f"--since {10**400}d", "--router tcp/r:1", "--recording nowhere.log"]
+    (tmp_path / "image-of-another.png").touch()
+    wrong += [f"--output {tmp_path / name}.yaml" for name in ("image-of-another", "new.old")]
     for words in (*wrong, "--since 7x", "--output new.png", f"--output {old.parent}/./old.yaml"):
         refused = CliRunner().invoke(app, [*command, *words.split()])
         assert isinstance(refused.exception, ClusterMclError), words

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.experiments.observability import turned_copies
 from benchmarks.worlds import world
+from clustermcl.commands.check import lines_of
 from clustermcl.evaluation.map_check.look_alikes import LookAlikeSearch
 from clustermcl.evaluation.map_check.report import MapReport, floor_remarks, ground_of, report_of
 from clustermcl.filter.poses import heading_distance
@@ -78,6 +79,9 @@ def test_floors_that_look_alike_are_named() -> None:
     assert "on floor first look like places on floor second" in said
     assert "on floor ground look like" not in said
     assert "pieces" not in said
+    shown = [line.split() for line in lines_of(report, TOWER.floors) if " deg" in line]
+    assert {floor for _, floor, *_ in shown} == {"first", "second"}
+    assert all(abs(float(x_m)) < 13.0 for _, _, _, x_m, *_ in shown), "on the floor, not the atlas"
 
 
 def test_a_link_that_ends_in_a_wall_is_named() -> None:
