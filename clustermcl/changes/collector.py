@@ -181,7 +181,7 @@ class ChangeCollector:
         """All that was collected, for `restore`."""
         return KeptChanges(
             sender="changes",
-            map_digest=self.map.digest,
+            map_digest=self.map.cells_digest,
             layout=LAYOUT,
             records=self.records.tobytes(),
             trusted=self._trusted[0].tobytes(),
@@ -190,12 +190,12 @@ class ChangeCollector:
         )
 
     def restore(self, kept: KeptChanges) -> None:
-        """Continue from what was kept, if it is of this map and version.
+        """Continue from what was kept, if it is of this version, and of a map with these cells.
 
         Raises:
             ValueError, MalformedMessageError: it is damaged.
         """
-        if (kept.map_digest, kept.layout) != (self.map.digest, LAYOUT):
+        if (kept.map_digest, kept.layout) != (self.map.cells_digest, LAYOUT):
             return
         seen_min = unpacked_minutes(kept.zlib_seen_min, self._codes.shape).copy()
         trusted, records = (_checked(r, seen_min.size) for r in (kept.trusted, kept.records))

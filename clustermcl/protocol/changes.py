@@ -122,6 +122,7 @@ class KeptChanges(Message, frozen=True, kw_only=True, tag="kept_changes/1"):
 
     max_bytes: ClassVar[int] = LARGEST_BYTES
     map_digest: str
+    """`GridMap.cells_digest`."""
     layout: str
     """The fields of a record; records of another version are not used."""
     records: bytes

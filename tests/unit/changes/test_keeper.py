@@ -18,6 +18,7 @@ from clustermcl.protocol.changes import GONE, KeptChanges
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.conversion import with_checksum
 from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.steps import Landmark
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.building_changes import BuildingChanges
@@ -38,7 +39,9 @@ def test_changes_survive_a_restart(tmp_path: Path) -> None:
     assert first.renew()
     assert not first.renew()
     first.save()
-    again = keeper(tmp_path)
+    tagged = OLD.with_landmarks([Landmark(name="tag", x=1.0, y=1.0, sigma=0.05)])
+    again = ChangeKeeper(tagged, tmp_path, "r 1", "bridge")
+    assert again.newest.map_digest == tagged.digest
     assert again.newest.cells == first.newest.cells
     assert again.newest.times_s == first.newest.times_s
     assert [file.name for file in tmp_path.iterdir()] == ["changes-r%201.msgpack"]
