@@ -13,7 +13,7 @@ from clustermcl.recordings.bag_file import OCCUPANCY_GRID, BagFile, is_bag
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_message import grid_map_of
 from clustermcl.recordings.run_log import is_run_log, last_map
-from clustermcl.runtime.compressed import first_bytes
+from clustermcl.runtime.compressed import first_bytes, os_problem
 
 _log = logging.getLogger(__name__)
 
@@ -30,13 +30,20 @@ def load_map(path: Path | str) -> GridMap:
     Raises:
         MapFileError: the map cannot be read.
     """
-    grid_map = _loaded(*_split_topic(Path(path)))
+    grid_map = _loaded(Path(path))
     for remark in grid_map.remarks:
         _log.warning("%s: %s", path, remark)
     return grid_map
 
 
-def _loaded(path: Path, topic: str, *, is_floor: bool = False) -> GridMap:
+def _loaded(named: Path, *, is_floor: bool = False) -> GridMap:
+    try:
+        return _read(*_split_topic(named), is_floor=is_floor)
+    except OSError as error:  # of a folder that may not be searched, or a name that is too long
+        raise MapFileError(Path(error.filename or named), os_problem(error)) from error
+
+
+def _read(path: Path, topic: str, *, is_floor: bool) -> GridMap:
     if is_run_log(path):
         try:
             return last_map(path)
@@ -55,7 +62,7 @@ def _loaded(path: Path, topic: str, *, is_floor: bool = False) -> GridMap:
         return load_ros_map(content, path)
     if is_floor:
         raise MapFileError(path, "is a building; a floor is a single map")
-    return load_building(content, path, lambda file: _loaded(*_split_topic(file), is_floor=True))
+    return load_building(content, path, lambda file: _loaded(file, is_floor=True))
 
 
 def load_map_with_obstacles(path: Path | str) -> GridMap:
@@ -64,7 +71,7 @@ def load_map_with_obstacles(path: Path | str) -> GridMap:
     Raises:
         MapFileError: the map cannot be read, or has no occupied cell.
     """
-    grid_map = _loaded(*_split_topic(Path(path)))
+    grid_map = _loaded(Path(path))
     if not np.any(grid_map.cells == OCCUPIED):
         problem = "no obstacle: no cell is occupied, so a scan has nothing to be compared with"
         raise MapFileError(Path(path), problem)

@@ -107,6 +107,7 @@ def test_the_size_limit_of_pillow_does_not_apply(
     [
         ({"image": ""}, "map.yaml:1: .*image"),
         ({"image": "other.pgm"}, "other.pgm does not exist"),
+        ({"image": 300 * "x"}, "xxx: cannot be read: File name too long"),
         ({"image": "/nowhere/map.pgm"}, "map.pgm does: write 'image: map.pgm'"),
         ({"resolution": "-0.05"}, "map.yaml:2: .*resolution"),
         ({"resolution": "fine"}, "map.yaml:2: .*resolution"),
