@@ -60,11 +60,13 @@ def changes(
         if not named:
             raise SettingsError(NEED_MAP)
         grid_map = load_map_with_obstacles(named)
-        _check_is_one_floor(files, grid_map)
+    if files and grid_map.floors:
+        problem = "a building is not written: name the map of one floor, and its recording"
+        raise SettingsError(key="--output", problem=f"--output {output}: {problem}")
+    if recording is not None:
         found = changes_of_recording(recording, grid_map, settings)
     if since_s is not None:
         found = found.seen_within(since_s)
-    _check_is_one_floor(files, grid_map)
     if files:
         new, old, picture = files
         save_ros_map(grid_map, old)
@@ -95,12 +97,6 @@ def _files(output: Path, map_file: str) -> list[Path]:
     if is_of_another or output.resolve() == Path(map_file).resolve():
         raise OutputError(output, "a map that this command has not written is there; name another")
     return files
-
-
-def _check_is_one_floor(files: Sequence[Path], grid_map: GridMap) -> None:
-    if files and grid_map.floors:
-        problem = "a building is not written: name the map of one floor, and its recording"
-        raise SettingsError(key="--output", problem=f"--output {files[0]}: {problem}")
 
 
 def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Changes]:

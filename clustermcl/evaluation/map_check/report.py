@@ -107,22 +107,16 @@ def report_of(
         NoRoomError: no robot fits into the map.
     """
     search = LookAlikeSearch(grid_map, laser_range_m, np.random.default_rng(seed))
-    views, groups = [], []
+    found = []
     for _ in range(places):
-        views.append(search.random_view())
-        groups.append(search.places_like(views[-1]))
+        view = search.random_view()
+        pose, *others = map(pose_tuple, search.places_like(view))
+        found.append(Place(pose=pose, returned_share=view.returned_share, look_alikes=(*others,)))
     report = MapReport(
         map=name,
         ground=ground_of(grid_map),
         laser_range_m=laser_range_m,
-        places=tuple(
-            Place(
-                pose=pose_tuple(group[0]),
-                returned_share=view.returned_share,
-                look_alikes=tuple(map(pose_tuple, group[1:])),
-            )
-            for view, group in zip(views, groups, strict=True)
-        ),
+        places=tuple(found),
         agreement=agreement,
     )
     remarks = (

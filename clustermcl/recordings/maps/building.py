@@ -67,10 +67,6 @@ class _Building(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             for name, floor in self.floors.items()
         }
 
-    @property
-    def heights_m(self) -> dict[str, float]:
-        return {n: f.height_m for n, f in self.floors.items() if isinstance(f, _Floor)}
-
 
 class _Level(msgspec.Struct, frozen=True):
     yaml: _File
@@ -128,7 +124,8 @@ def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap
             raise MapFileError(path, f"floor {printable(name)!r}: {problem}")
     if len(maps) == 1:
         return maps.popitem()[1]
-    atlas = atlas_of(maps, building.links, building.heights_m)
+    heights_m = {n: f.height_m for n, f in building.floors.items() if isinstance(f, _Floor)}
+    atlas = atlas_of(maps, building.links, heights_m)
     for link in building.links:
         for name, (x, y) in link.at.items():
             floor = atlas.floors.floor(name)

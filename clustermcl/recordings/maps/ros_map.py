@@ -26,7 +26,7 @@ from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import MapFileError, printable
 from clustermcl.protocol.message import Coordinate, PoseTuple
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
-from clustermcl.runtime.compressed import read_decompressed
+from clustermcl.runtime.compressed import read_decompressed, too_long_problem
 from clustermcl.runtime.output_files import write_output_file
 from clustermcl.runtime.yaml_text import yaml_of
 
@@ -108,9 +108,7 @@ def save_ros_map(grid_map: GridMap, path: Path) -> None:
 def _header(content: bytes, path: Path) -> _Header:
     """Parse and check the YAML file; as in map_server, keys are required, and others ignored."""
     if len(content) > MAX_HEADER_BYTES:
-        raise MapFileError(
-            path, f"more than {MAX_HEADER_BYTES} bytes: a map_server file has a few hundred"
-        )
+        raise MapFileError(path, too_long_problem(MAX_HEADER_BYTES))
     values, lines = yaml_of(content, path, MapFileError, is_unique=True)
     if isinstance(values, dict) and isinstance(values.get("mode"), str):
         values["mode"] = values["mode"].lower()

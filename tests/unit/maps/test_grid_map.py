@@ -48,18 +48,15 @@ def test_a_map_that_gives_poses_another_meaning_has_another_digest() -> None:
     assert len({grid_map.digest for grid_map in (a_map(), *others)}) == 5
 
 
-@pytest.mark.parametrize(
-    ("changed", "problem"),
-    [
-        ({"cells": CELLS.astype(np.int16)}, "int8"),
-        ({"cells": CELLS.ravel()}, "2-d"),
-        ({"cells": np.zeros((0, 3), np.int8)}, "2-d"),
-        ({"cells": np.full((2, 2), 7, np.int8)}, "-1, 0 or 1"),
-        ({"cells": np.full((2, 2), UNKNOWN, np.int8)}, "no cell is free"),
-        *(({"cell_m": cell_m}, "cell_m") for cell_m in (0.0, -0.1, np.nan, np.inf)),
-        ({"map_from_grid": (0.0, np.nan, 0.0)}, "map_from_grid"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "problem"), [
+    ({"cells": CELLS.astype(np.int16)}, "int8"),
+    ({"cells": CELLS.ravel()}, "2-d"),
+    ({"cells": np.zeros((0, 3), np.int8)}, "2-d"),
+    ({"cells": np.full((2, 2), 7, np.int8)}, "-1, 0 or 1"),
+    ({"cells": np.full((2, 2), UNKNOWN, np.int8)}, "no cell is free"),
+    *(({"cell_m": cell_m}, "cell_m") for cell_m in (0.0, -0.1, np.nan, np.inf)),
+    ({"map_from_grid": (0.0, np.nan, 0.0)}, "map_from_grid"),
+])  # fmt: skip
 def test_an_invalid_grid_is_refused(changed: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
         a_map(**changed)

@@ -102,27 +102,24 @@ def test_the_size_limit_of_pillow_does_not_apply(
     assert Image.MAX_IMAGE_PIXELS == 2
 
 
-@pytest.mark.parametrize(
-    ("changed", "problem"),
-    [
-        ({"image": ""}, "map.yaml:1: .*image"),
-        ({"image": "other.pgm"}, "other.pgm does not exist"),
-        ({"image": 300 * "x"}, "xxx: cannot be read: File name too long"),
-        ({"image": "/nowhere/map.pgm"}, "map.pgm does: write 'image: map.pgm'"),
-        ({"resolution": "-0.05"}, "map.yaml:2: .*resolution"),
-        ({"resolution": "fine"}, "map.yaml:2: .*resolution"),
-        ({"resolution": "true"}, "map.yaml:2: .*resolution"),
-        ({"origin": "[0, 0]"}, "map.yaml:3: .*origin"),
-        ({"origin": "[0, 0, 1" + 400 * "0" + "]"}, "map.yaml:3: .*origin"),
-        ({"origin": "[0, .nan, 0]"}, "map.yaml:3: .*origin"),
-        ({"origin": "[0, 0, .inf]"}, "origin"),
-        ({"origin": "[1.0e+8, 0, 0]"}, "map.yaml:3: .*origin"),
-        ({"negate": "2"}, "map.yaml:4: .*negate"),
-        ({"occupied_thresh": "65"}, "map.yaml:5: .*occupied_thresh"),
-        ({"free_thresh": "0.7"}, "free_thresh must not exceed occupied_thresh"),
-        ({"mode": "colour"}, "map.yaml:7: .*mode"),
-    ],
-)
+@pytest.mark.parametrize(("changed", "problem"), [
+    ({"image": ""}, "map.yaml:1: .*image"),
+    ({"image": "other.pgm"}, "other.pgm does not exist"),
+    ({"image": 300 * "x"}, "xxx: cannot be read: File name too long"),
+    ({"image": "/nowhere/map.pgm"}, "map.pgm does: write 'image: map.pgm'"),
+    ({"resolution": "-0.05"}, "map.yaml:2: .*resolution"),
+    ({"resolution": "fine"}, "map.yaml:2: .*resolution"),
+    ({"resolution": "true"}, "map.yaml:2: .*resolution"),
+    ({"origin": "[0, 0]"}, "map.yaml:3: .*origin"),
+    ({"origin": "[0, 0, 1" + 400 * "0" + "]"}, "map.yaml:3: .*origin"),
+    ({"origin": "[0, .nan, 0]"}, "map.yaml:3: .*origin"),
+    ({"origin": "[0, 0, .inf]"}, "origin"),
+    ({"origin": "[1.0e+8, 0, 0]"}, "map.yaml:3: .*origin"),
+    ({"negate": "2"}, "map.yaml:4: .*negate"),
+    ({"occupied_thresh": "65"}, "map.yaml:5: .*occupied_thresh"),
+    ({"free_thresh": "0.7"}, "free_thresh must not exceed occupied_thresh"),
+    ({"mode": "colour"}, "map.yaml:7: .*mode"),
+])  # fmt: skip
 def test_a_wrong_key_is_named_with_its_line(
     tmp_path: Path, changed: dict[str, str], problem: str
 ) -> None:
@@ -132,15 +129,12 @@ def test_a_wrong_key_is_named_with_its_line(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("image", "changed", "remark"),
-    [
-        (PGM, {"free_thresh": "0.25"}, "17% of the pixels are grey 205"),
-        (PGM, {"origin": "[0, 0, -nan]"}, "its yaw is not a number and is taken as 0"),
-        (PGM, {"origin": "[0, 0, .nan]"}, "its yaw is not a number and is taken as 0"),
-        (PGM, {}, None),
-    ],
-)
+@pytest.mark.parametrize(("image", "changed", "remark"), [
+    (PGM, {"free_thresh": "0.25"}, "17% of the pixels are grey 205"),
+    (PGM, {"origin": "[0, 0, -nan]"}, "its yaw is not a number and is taken as 0"),
+    (PGM, {"origin": "[0, 0, .nan]"}, "its yaw is not a number and is taken as 0"),
+    (PGM, {}, None),
+])  # fmt: skip
 def test_what_is_odd_in_a_map_is_a_remark(
     tmp_path: Path, image: bytes, changed: dict[str, str], remark: str | None
 ) -> None:
@@ -150,40 +144,33 @@ def test_what_is_odd_in_a_map_is_a_remark(
     assert grid_map.map_from_grid[2] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("", "empty"),
-        ("- image\n- resolution\n", "not a file of map_server"),
-        ("image: map.pgm\nresolution: [1\n", "map.yaml:3: not YAML"),
-        ("image: \x00", "not YAML"),
-        ("a: !!timestamp x", "not YAML"),
-        (f"a: 1{':1' * 400}.5", "not YAML"),
-        ("a: !!python/object:os.system x", "map.yaml:1: not YAML: could not determine"),
-    ],
-)
+@pytest.mark.parametrize(("text", "problem"), [
+    ("", "empty"),
+    ("- image\n- resolution\n", "not a file of map_server"),
+    ("image: map.pgm\nresolution: [1\n", "map.yaml:3: not YAML"),
+    ("image: \x00", "not YAML"),
+    ("a: !!timestamp x", "not YAML"),
+    (f"a: 1{':1' * 400}.5", "not YAML"),
+    ("a: !!python/object:os.system x", "map.yaml:1: not YAML: could not determine"),
+])  # fmt: skip
 def test_a_header_that_is_not_a_mapping_is_refused(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
-    with pytest.raises(MapFileError) as caught:
+    with pytest.raises(MapFileError, match=problem):
         load_map(tmp_path / "map.yaml")
-    assert problem in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("image", "problem"),
-    [
-        (PGM[:-1], "cut off or damaged"),
-        (b"P2\n3 2\n255\n0 205", "cut off or damaged"),
-        (png(*range(256))[:45], "cut off or damaged"),
-        (b"P5\n3", "damaged"),
-        (b"", "not an image"),
-        (b"<html>not found</html>", "not an image"),
-        (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 2 1\n%%EndComments\n", "not an image"),
-        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\n", "run 'git lfs pull'"),
-        (b"P5\n40000 40000\n255\n", "at most 268435456"),
-        (b"P5\n2 1\n255\n\x00\xcd", "no free space"),
-    ],
-)
+@pytest.mark.parametrize(("image", "problem"), [
+    (PGM[:-1], "cut off or damaged"),
+    (b"P2\n3 2\n255\n0 205", "cut off or damaged"),
+    (png(*range(256))[:45], "cut off or damaged"),
+    (b"P5\n3", "damaged"),
+    (b"", "not an image"),
+    (b"<html>not found</html>", "not an image"),
+    (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 2 1\n%%EndComments\n", "not an image"),
+    (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\n", "run 'git lfs pull'"),
+    (b"P5\n40000 40000\n255\n", "at most 268435456"),
+    (b"P5\n2 1\n255\n\x00\xcd", "no free space"),
+])  # fmt: skip
 def test_an_image_that_is_not_a_map_is_refused(tmp_path: Path, image: bytes, problem: str) -> None:
     path = write_map(tmp_path, image)
     with pytest.raises(MapFileError, match=problem) as caught:
@@ -191,15 +178,12 @@ def test_an_image_that_is_not_a_map_is_refused(tmp_path: Path, image: bytes, pro
     assert caught.value.path == tmp_path / "map.pgm"
 
 
-@pytest.mark.parametrize(
-    ("name", "shape", "free_m2"),
-    [
-        ("carmen-maps/nsh_level_3", (469, 677), 618.4),
-        ("ros-maps/turtlebot3_world", (384, 384), 19.8),
-        ("ros-maps/depot", (307, 604), 448.7),
-        ("ros-maps/warehouse", (1674, 1006), 1280.1),
-    ],
-)
+@pytest.mark.parametrize(("name", "shape", "free_m2"), [
+    ("carmen-maps/nsh_level_3", (469, 677), 618.4),
+    ("ros-maps/turtlebot3_world", (384, 384), 19.8),
+    ("ros-maps/depot", (307, 604), 448.7),
+    ("ros-maps/warehouse", (1674, 1006), 1280.1),
+])  # fmt: skip
 def test_published_maps_of_other_projects_are_read(
     name: str, shape: tuple[int, int], free_m2: float
 ) -> None:
