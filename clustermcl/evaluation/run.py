@@ -20,7 +20,7 @@ from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.errors import ClusterMclError, MapFileError
-from clustermcl.protocol.floors import Floors
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -96,7 +96,7 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
                 simulation, settings, grid_map, steps=case.updates
             )
             if robot.map:
-                known = _in_atlas(known, grid_map.floors, robot)
+                known = _in_atlas(known, grid_map.floors, robot, simulation.world.map.floors)
             return Course(grid_map, known, simulation)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
@@ -114,18 +114,23 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
 
 
 def _in_atlas(
-    steps: Iterator[TrueStep], floors: Floors, robot: SimulatedRobot | RecordedRobot
+    steps: Iterator[TrueStep],
+    floors: Floors,
+    robot: SimulatedRobot | RecordedRobot,
+    of_world: Floors = ONE_MAP,
 ) -> Iterator[TrueStep]:
-    """Return steps with true poses in the atlas of a building.
+    """Return steps with true poses in the atlas of a building; those of a world are in its own.
 
     Raises:
         MapFileError: the robot's floor is none of the map.
     """
     try:
-        floors.in_atlas(robot.floor, (0.0, 0.0, 0.0))
+        for name in of_world.names or (robot.floor,):
+            floors.in_atlas(name, (0.0, 0.0, 0.0))
     except ValueError as error:
         raise MapFileError(robot.map or "", f"--floor: {error}") from None
-    return ((scan, truth and floors.in_atlas(robot.floor, truth)) for scan, truth in steps)
+    on_floor = of_world.on_floor if of_world else lambda truth: (robot.floor, truth)
+    return ((scan, truth and floors.in_atlas(*on_floor(truth))) for scan, truth in steps)
 
 
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]

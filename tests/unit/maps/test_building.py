@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clustermcl.evaluation.run import Case, SimulatedRobot, course_of
 from clustermcl.filter.arrays import FREE, OCCUPIED
 from clustermcl.filter.poses import between
 from clustermcl.protocol.errors import MapFileError
@@ -13,6 +14,7 @@ from clustermcl.recordings.maps.building import GAP_M
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.map_message import from_message, to_message
+from clustermcl.runtime.settings import BridgeSettings
 from tests.maps import write_map
 
 ROOM = np.full((20, 40), OCCUPIED, np.int8)
@@ -92,6 +94,20 @@ def test_buildings_of_multi_level_map_server_are_read(tmp_path: Path) -> None:
         ("01", 0.0), ("third", 5.0)
     ]  # fmt: skip
     assert floors.links[0].at == {"01": (1.0, 4.0), "third": (3.0, -1.0)}
+
+
+def test_a_simulated_robot_is_on_the_same_floor_of_another_building(tmp_path: Path) -> None:
+    world = write_building(tmp_path)
+    other = world.with_name("other.yaml")
+    other.write_text("floors: {third: third.yaml, ground: ground.yaml}")
+    found = []
+    for file in (None, other):
+        case = Case(robot=SimulatedRobot(world=str(world), map=file), updates=1)
+        course = course_of(case, 0, BridgeSettings())
+        (truth,) = (truth for _, truth in course.steps if truth)
+        found.append(course.map.floors.on_floor(truth))
+    assert found[1][0] == found[0][0]
+    assert found[1][1] == pytest.approx(found[0][1])
 
 
 def test_a_building_travels_as_a_message(tmp_path: Path) -> None:

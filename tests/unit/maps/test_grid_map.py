@@ -103,19 +103,16 @@ def a_message(**changed: object) -> MapMessage:
     return MapMessage(**{**fields, **changed})
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        a_message(zlib_cells=b"no zlib"),
-        a_message(zlib_cells=b""),
-        a_message(rows=3),
-        a_message(rows=1),
-        a_message(rows=0),
-        a_message(cell_m=0.0),
-        a_message(digest="00"),
-        a_message(landmarks=(TAG,)),
-    ],
-)
+@pytest.mark.parametrize("message", [
+    a_message(zlib_cells=b"no zlib"),
+    a_message(zlib_cells=b""),
+    a_message(rows=3),
+    a_message(rows=1),
+    a_message(rows=0),
+    a_message(cell_m=0.0),
+    a_message(digest="00"),
+    a_message(landmarks=(TAG,)),
+])  # fmt: skip
 def test_bytes_that_are_not_the_announced_map_are_refused(message: MapMessage) -> None:
     with pytest.raises(MalformedMessageError, match="not a valid map"):
         from_message(message)
@@ -129,19 +126,16 @@ READING = MapReading(
 )
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"occupancy": ArrayBlob.of(np.zeros((0, 0)), "int8")},
-        {"occupancy": ArrayBlob.of(np.zeros(9), "int8")},
-        {"occupancy": ArrayBlob.of(np.zeros((3, 3)), "float32")},
-        {"occupancy": ArrayBlob.of(np.full((3, 3), 100), "int8")},
-        {"occupancy": ArrayBlob(dtype="int8", shape=(9, 9), data=b"123")},
-        {"cell_m": 0.0},
-        {"cell_m": math.nan},
-        {"map_from_grid": (0.0, math.inf, 0.0)},
-    ],
-)
+@pytest.mark.parametrize("change", [
+    {"occupancy": ArrayBlob.of(np.zeros((0, 0)), "int8")},
+    {"occupancy": ArrayBlob.of(np.zeros(9), "int8")},
+    {"occupancy": ArrayBlob.of(np.zeros((3, 3)), "float32")},
+    {"occupancy": ArrayBlob.of(np.full((3, 3), 100), "int8")},
+    {"occupancy": ArrayBlob(dtype="int8", shape=(9, 9), data=b"123")},
+    {"cell_m": 0.0},
+    {"cell_m": math.nan},
+    {"map_from_grid": (0.0, math.inf, 0.0)},
+])  # fmt: skip
 def test_an_invalid_reading_of_a_map_is_refused(change: dict[str, object]) -> None:
     with pytest.raises(MalformedMessageError):
         from_reading(msgspec.structs.replace(READING, **change))
