@@ -12,7 +12,7 @@ import zenoh
 
 from clustermcl.link.access_control import doubt_of_certificate, roles_that_ask
 from clustermcl.link.inbox import Inbox
-from clustermcl.link.session import open_session
+from clustermcl.link.session import open_session, refuse_forked
 from clustermcl.link.wire import Events, Received, ask, subscribe
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
@@ -32,6 +32,7 @@ from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
 from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.message import Message, PoseTuple
+from clustermcl.protocol.pose_arrays import checked_pose
 from clustermcl.protocol.steps import MapMessage
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_message import from_message
@@ -68,7 +69,8 @@ class Client(RobotCommands):
     Queries and commands are repeated until they are answered or time out; the system carries out
     a repeated command only once. `timeout_s` of a method limits the wait for an answer, or for each
     belief [s]. Use a client in one thread at a time; an asyncio program calls its methods by
-    ``asyncio.to_thread``.
+    ``asyncio.to_thread``. Once a process has connected, start children that connect by
+    ``multiprocessing.get_context("spawn")``.
 
     Args:
         settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
@@ -117,6 +119,7 @@ class Client(RobotCommands):
         Raises:
             UnreachableError: no router answers in time.
             SettingsError: the endpoint or the robot's name is invalid.
+            RuntimeError: this process was forked by one that had connected.
         """
         zenoh_settings, robot = self._settings.zenoh, self._settings.robot
         within_s = zenoh_settings.connect_timeout_s
@@ -176,7 +179,8 @@ class Client(RobotCommands):
         Args:
             pose: the new pose: x [m], y [m], heading [rad]; None: a random pose far away.
         """
-        self._carry_out(Kidnap(sender=caller(), command_id=new_id(), pose=pose))
+        there = None if pose is None else checked_pose("pose", pose)
+        self._carry_out(Kidnap(sender=caller(), command_id=new_id(), pose=there))
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
         """Wait until the robot is localized and its pose is fresh, then return the pose.
@@ -205,8 +209,8 @@ class Client(RobotCommands):
             UnreachableError: no coordinator answers, or no belief arrived in time.
             StoppedError: the client's stop flag was set.
         """
-        published = self.published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
+        published = self.published(keys.BELIEF, Belief, timeout_s)
 
         def of_newest_term() -> Iterator[Belief]:
             term = 0
@@ -218,32 +222,34 @@ class Client(RobotCommands):
         return of_newest_term()
 
     def published(self, key: str, kind: type[A], timeout_s: float | None = None) -> Iterator[A]:
-        """Subscribe; yield each message on the key.
+        """Subscribe, until the iterator is dropped; yield each message on the key.
 
         Raises:
             UnreachableError: no message arrived in time.
             StoppedError: the client's stop flag was set.
+            ValueError: the client was closed.
         """
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
-        subscribe(self._session, key, kind, inbox, key)
+        session = self._session
+        subscriber = subscribe(session, key, kind, inbox, key)
 
         def decoded() -> Iterator[A]:
             received_s = time.monotonic()
-            while True:
-                self._stop.check()
-                event = inbox.get(_POLL_S)
-                if isinstance(event, Received):
-                    yield decode(event.payload, kind)
-                    received_s = time.monotonic()
-                elif timeout_s is not None and time.monotonic() - received_s > timeout_s:
-                    robot = self._settings.robot.name
-                    raise UnreachableError(
-                        peer="coordinator",
-                        endpoint=self._settings.zenoh.router,
-                        waited_s=timeout_s,
-                        problem=f"robot {robot!r} published nothing on {key!r} for "
-                        f"{timeout_s:g} s: does it stand still, or has it ended?",
-                    )
+            with subscriber:
+                while self._session is session:
+                    self._stop.check()
+                    event = inbox.get(_POLL_S)
+                    if isinstance(event, Received):
+                        yield decode(event.payload, kind)
+                        received_s = time.monotonic()
+                    elif timeout_s is not None and time.monotonic() - received_s > timeout_s:
+                        raise UnreachableError(
+                            peer="coordinator",
+                            endpoint=self._settings.zenoh.router,
+                            waited_s=timeout_s,
+                            problem=f"robot {self._settings.robot.name!r} published nothing on "
+                            f"{key!r} for {timeout_s:g} s: does it stand still, or has it ended?",
+                        )
 
         return decoded()
 
@@ -251,6 +257,7 @@ class Client(RobotCommands):
     def _session(self) -> zenoh.Session:
         if self._open is None:
             raise ValueError("the client is not connected: use it in a with block")
+        refuse_forked()
         return self._open
 
     def _carry_out(self, command: SetPose | Relocalize | Update | Kidnap) -> None:
@@ -270,10 +277,11 @@ class Client(RobotCommands):
         Just after connecting, the router may have no route yet to the process that answers.
         """
         settings = self._settings.zenoh
-        asked_s = now_s = time.monotonic()
-        deadline_s = max(self._deadline_s, now_s + settings.query_timeout_s)
+        asked_s = time.monotonic()
+        deadline_s = max(self._deadline_s, asked_s + settings.query_timeout_s)
         while True:
-            within_s = min(settings.query_timeout_s, max(deadline_s - now_s, _PAUSE_S))
+            left_s = deadline_s - time.monotonic()
+            within_s = min(settings.query_timeout_s, max(left_s, _PAUSE_S))
             try:
                 return ask(
                     self._session, key, answer, timeout_s=timeout_s or within_s, message=message
@@ -284,7 +292,6 @@ class Client(RobotCommands):
                     raise self._unreachable(key, now_s - asked_s, error) from error
             self._stop.wait(_PAUSE_S)
             self._stop.check()
-            now_s = time.monotonic()
 
     def _unreachable(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
         bridges = dict.fromkeys((keys.MAP, keys.UPDATE, keys.CHANGES), "bridge")

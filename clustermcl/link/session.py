@@ -31,6 +31,8 @@ two dead links block all others.
 
 _one_at_a_time = threading.Lock()
 _read = False
+_opened_by = set[int]()
+"""Processes that opened a session: at most this one and those it was forked by."""
 
 
 @contextmanager
@@ -60,8 +62,7 @@ def open_session(
     """Open this process's session, as a client of the router, to be closed by ``with``.
 
     An open session survives the loss of its router: it reconnects and declares everything again.
-    Close it, because an open session hangs the interpreter at exit. Fork before opening a session:
-    a child forked later cannot open its own.
+    Close it, because an open session hangs the interpreter at exit. Fork before opening a session.
 
     It waits for a router for `wait_s` [s]; None: without end, as for services.
 
@@ -70,6 +71,8 @@ def open_session(
         SettingsError: the endpoint or the robot's name is invalid.
         StoppedError: `stop` was set before there was a router.
     """
+    refuse_forked()
+    _opened_by.add(os.getpid())
     configuration = client_configuration(settings, robot)
     started_s = time.monotonic()
     deadline_s = started_s + wait_s if wait_s is not None else float("inf")
@@ -97,6 +100,12 @@ def open_session(
                 _log.info("%s", problem)
             logged = problem
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
+
+
+def refuse_forked() -> None:
+    """Raise RuntimeError in a process forked by one that opened a session: Zenoh would hang."""
+    if _opened_by - {os.getpid()}:
+        raise RuntimeError("forked by a process that had connected: use multiprocessing's 'spawn'")
 
 
 def refusal(settings: ZenohSettings) -> str | None:

@@ -138,28 +138,22 @@ def usual_logging() -> Iterator[None]:
     root.setLevel(level)
 
 
-@pytest.fixture
-def settings_seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
-    settings: list[Settings] = []
+def test_options_before_the_command_reach_the_processes_unless_a_setting_differs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen: list[str] = []
 
     def checked(given: Settings) -> None:
-        settings.append(given)
+        seen.append(given.log.level)
         raise SystemExit
 
     monkeypatch.setattr("clustermcl.commands.up._check_in_child", checked)
-    return settings
-
-
-def test_options_before_the_command_reach_the_processes_unless_a_setting_differs(
-    settings_seen: list[Settings],
-) -> None:
     for words in (["up"], ["--quiet", "up"], ["-q", "up"], ["-v", "up"], ["up"]):
         configure_logging("clustermcl", "warning")
         assert CliRunner().invoke(app, words).exit_code == 0
         assert (is_quiet(), is_verbose()) == (words[0] in ("--quiet", "-q"), words[0] == "-v")
     CliRunner().invoke(app, ["-v", "up", "--set", "log.level=warning"])
     usual = Settings().log.level
-    seen = [settings.log.level for settings in settings_seen]
     assert seen == [usual, "error", "error", "debug", usual, "warning"]
 
 

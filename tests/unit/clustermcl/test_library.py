@@ -178,9 +178,7 @@ def test_what_a_robot_may_send_once_is_counted_and_warned_of_once() -> None:
     mcl.update(Reading(ZERO, stamp_ns=10_000_000_000))
 
     def far(stamp_ns: int) -> None:
-        assert (
-            mcl.update(Reading(ZERO, **{**SCAN, "ranges": 400 * ONES}, stamp_ns=stamp_ns)) is None
-        )
+        assert mcl.update(Reading(ZERO, **SCAN | {"ranges": 400 * ONES}, stamp_ns=stamp_ns)) is None
 
     def late(stamp_ns: int) -> None:
         assert mcl.update(Reading(ZERO, stamp_ns=stamp_ns - 5_000_000_000)) is None

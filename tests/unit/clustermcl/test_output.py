@@ -21,15 +21,12 @@ def typed(module: str, *words: str) -> tuple[int, str]:
     return ran.returncode, ran.stderr
 
 
-@pytest.mark.parametrize("words", [["settings"], ["--help"], ["pose", "--help"]], ids=" ".join)
-def test_a_full_disk_is_one_line_and_exit_code_2(words: list[str]) -> None:
-    message = "clustermcl: standard output: cannot be written: No space left on device\n"
-    assert typed("clustermcl", *words) == (2, message)
-
-
-def test_a_full_disk_for_the_routers_file_is_one_line_and_exit_code_2() -> None:
-    message = "secure_router: standard output: cannot be written: No space left on device\n"
-    assert typed("clustermcl.link.secure_router") == (2, message)
+@pytest.mark.parametrize("words", ["settings", "--help", "pose --help", ".link.secure_router"])
+def test_a_full_disk_is_one_line_and_exit_code_2(words: str) -> None:
+    command = ["clustermcl" + words] if words[0] == "." else ["clustermcl", *words.split()]
+    name = command[0].rpartition(".")[2]
+    message = f"{name}: standard output: cannot be written: No space left on device\n"
+    assert typed(*command) == (2, message)
 
 
 def test_control_characters_of_a_peer_never_reach_the_terminal(
