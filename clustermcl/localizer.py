@@ -96,8 +96,8 @@ class ClusterMCL(RobotCommands):
                 print(belief.state, belief.pose)
 
     With the same seed and readings, beliefs equal those of `clustermcl evaluate` and of a running
-    system, bit for bit. Use an object in one thread only. The first object on a machine compiles
-    for about ten seconds; later ones use the compiled code.
+    system, bit for bit. Use an object in one thread only. If no compiled kernels are installed,
+    the first object on a machine compiles them, for about ten seconds.
 
     Args:
         grid_map: the map, from `load_map`.
