@@ -13,11 +13,7 @@ from clustermcl.belief.cluster_set import ClusterSet, log_of
 from clustermcl.belief.explained import NO_PLACE, Explained, explains
 from clustermcl.belief.ledger import Ledger
 from clustermcl.filter.laser.beam_fits import decoded
-from clustermcl.filter.laser.evidence_model import (
-    scan_exponent,
-    short_beam_gain,
-    through_beam_loss,
-)
+from clustermcl.filter.laser.evidence_model import scan_exponent, short_beam_gain, through_beam_loss
 from clustermcl.protocol.work import ElsewhereReport, TrackReport
 
 PERHAPS_LIFTED = 0.2

@@ -260,9 +260,7 @@ class ClusterSet(Part):
         return ended
 
     def admit(
-        self,
-        candidates: Sequence[Candidate],
-        step: int,
+        self, candidates: Sequence[Candidate], step: int
     ) -> tuple[list[Cluster], list[JobEvent]]:
         """Add candidates; if there are too many clusters, end the least probable ones.
 

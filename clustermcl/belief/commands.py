@@ -92,11 +92,7 @@ class Commands(Part):
         return self._outcome(commanded, ensemble, applied, ground)
 
     def carry_out_waiting(
-        self,
-        ensemble: Ensemble,
-        applied: Scan,
-        odometry: Trajectory,
-        ground: FreeGround | None,
+        self, ensemble: Ensemble, applied: Scan, odometry: Trajectory, ground: FreeGround | None
     ) -> Outcome | str | None:
         """Carry out the waiting command, if the map allows a decision.
 

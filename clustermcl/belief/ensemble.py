@@ -20,11 +20,7 @@ from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
 from clustermcl.belief.part import Part
-from clustermcl.belief.particle_shares import (
-    SHARE_AFTER_STEPS,
-    particles_of,
-    review_particles,
-)
+from clustermcl.belief.particle_shares import SHARE_AFTER_STEPS, particles_of, review_particles
 from clustermcl.belief.search_course import SearchCourse
 from clustermcl.belief.search_pool import pool_of
 from clustermcl.filter.advice.view_memory import ViewMemory

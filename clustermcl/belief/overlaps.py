@@ -11,10 +11,7 @@ _BLOCK = 64
 
 
 def is_near(
-    poses: ArrayLike,
-    others: ArrayLike,
-    distance_m: float,
-    heading_rad: float,
+    poses: ArrayLike, others: ArrayLike, distance_m: float, heading_rad: float
 ) -> NDArray[np.bool_]:
     """Find the poses that have one of the others near in x, y *and* heading.
 

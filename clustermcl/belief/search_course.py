@@ -66,10 +66,7 @@ class SearchCourse(Part):
         self.next_step = max(self.next_step, step + 1)
 
     def begin(
-        self,
-        first_step: int,
-        near: Circle | None = None,
-        corners: Corners | None = None,
+        self, first_step: int, near: Circle | None = None, corners: Corners | None = None
     ) -> dict[str, Job]:
         """Begin a search, and return its jobs.
 

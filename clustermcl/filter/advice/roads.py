@@ -167,10 +167,7 @@ def _as_far_as_now(grid: Grid, place: Pose, points: Poses, radius_m: float) -> N
 
 
 def _shortest(
-    drivable: NDArray[np.bool_],
-    sure: NDArray[np.bool_],
-    clear: NDArray[np.float64],
-    points: Poses,
+    drivable: NDArray[np.bool_], sure: NDArray[np.bool_], clear: NDArray[np.float64], points: Poses
 ) -> Roads:
     """Connect every second point of the lattice, if the points between them are free, too."""
     nodes = points[::2, ::2, :2].reshape(-1, 2)

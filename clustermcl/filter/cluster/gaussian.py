@@ -32,10 +32,7 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
 
 
 def fit_gaussians(
-    poses: Poses,
-    weights: NDArray[np.float64],
-    ends: NDArray[np.int64],
-    totals: NDArray[np.float64],
+    poses: Poses, weights: NDArray[np.float64], ends: NDArray[np.int64], totals: NDArray[np.float64]
 ) -> tuple[Poses, NDArray[np.float64]]:
     """Fit a Gaussian to each part of (N, 3) poses, as `fit_gaussian` does to all.
 

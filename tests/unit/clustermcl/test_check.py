@@ -59,9 +59,7 @@ def test_a_map_that_is_too_large_is_refused(tmp_path: Path) -> None:
     assert "8193 x 8193 cells are known; the limit of check is 67108864" in str(refused)
 
 
-def test_look_alikes_and_landmarks_are_drawn_and_those_outside_are_remarked(
-    tmp_path: Path,
-) -> None:
+def test_look_alikes_and_landmarks_are_drawn_and_those_outside_are_remarked(tmp_path: Path) -> None:
     """The cross has four equal arms."""
     lines = "- {id: in, x: 0.0, y: 0.0}\n- {id: far, x: 900.0, y: 0.0}\n"
     (tmp_path / "landmarks.yaml").write_text(f"landmarks:\n{lines}")

@@ -100,8 +100,7 @@ def test_the_memory_is_bounded_and_forgets_what_is_far() -> None:
 
 @hypothesis.given(
     st.lists(
-        arrays(np.float64, (7, 2), elements=st.floats() | st.floats(-100.0, 100.0)),
-        max_size=4,
+        arrays(np.float64, (7, 2), elements=st.floats() | st.floats(-100.0, 100.0)), max_size=4
     )
 )
 def test_any_ends_give_shares(scans: list[np.ndarray]) -> None:
@@ -116,8 +115,7 @@ def test_any_ends_give_shares(scans: list[np.ndarray]) -> None:
 
 
 @pytest.mark.parametrize(
-    "rows",
-    [b"x", bytes(16 * (MAX_PIECES + 1)), np.full(4, np.nan, "<f4").tobytes(), b"\xff" * 16],
+    "rows", [b"x", bytes(16 * (MAX_PIECES + 1)), np.full(4, np.nan, "<f4").tobytes(), b"\xff" * 16]
 )
 def test_an_impossible_memory_has_a_problem(rows: bytes) -> None:
     assert Pieces(rows).problem is not None

@@ -79,11 +79,7 @@ def log_odds(
 
 
 def exact_log_odds(
-    logs: Array,
-    evidence_of: Array,
-    *,
-    hazard: float = 0.0,
-    missing: dict[int, int] | None = None,
+    logs: Array, evidence_of: Array, *, hazard: float = 0.0, missing: dict[int, int] | None = None
 ) -> Array:
     """Bayes' rule over the places, in plain numbers; (K - 1,) log odds against the first.
 
@@ -108,11 +104,7 @@ def exact_log_odds(
     return np.asarray(np.log(np.array(others) / here[0]))
 
 
-def assert_agrees(
-    shares: dict[str, float],
-    *,
-    missing: dict[int, int] | None = None,
-) -> None:
+def assert_agrees(shares: dict[str, float], *, missing: dict[int, int] | None = None) -> None:
     """Compare the log odds after all steps from these probabilities; elsewhere comes last."""
     hazard = 0.02 if "elsewhere" in shares else 0.0
     exact = exact_log_odds(
@@ -138,9 +130,7 @@ def assert_agrees(
     ],
     ids=["a better place", "elsewhere", "the true place is not tracked"],
 )
-def test_probabilities_agree_with_the_exact_filter(
-    shares: dict[str, float],
-) -> None:
+def test_probabilities_agree_with_the_exact_filter(shares: dict[str, float]) -> None:
     assert_agrees(shares)
 
 

@@ -95,9 +95,7 @@ def test_evidence_and_shares_are_those_of_the_grid(drive: Drive) -> None:
     assert_is_mean_of(left, shares, GRID_ERROR)
 
 
-def test_a_repeated_search_uses_all_scans_moved_by_odometry(
-    drive: Drive,
-) -> None:
+def test_a_repeated_search_uses_all_scans_moved_by_odometry(drive: Drive) -> None:
     """So blunt that one scan leaves more possible than is kept: four scans are joined."""
     bluntest = replace(BLUNT, scan_likelihood_exponent=0.05)
     log_evidence, left = exact_joined(drive, bluntest.scan_likelihood_exponent)
