@@ -1,6 +1,7 @@
 """Readings of a recording, for the bridge and for runs without a network."""
 
 import logging
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,12 +10,14 @@ from msgspec.structs import replace
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.floors import ONE_MAP, Floors
-from clustermcl.protocol.steps import Observation, Reading, Scan
+from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading, Reading, Scan
 from clustermcl.recordings.recording import Recording, open_recording
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.step_maker import StepMaker
 
 _log = logging.getLogger(__name__)
+_MOST_LEFT_S = 2.0
+"""How long scans may go on after odometry without a warning [s]."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ def recorded_source(path: str, settings: BridgeSettings) -> Source:
 
 
 def opened(path: str, settings: BridgeSettings) -> Recording:
-    """Open a recording, and log all skipped lines in one warning.
+    """Open a recording; log all skipped lines in one warning, and scans after odometry's end.
 
     Raises:
         RecordingError: it cannot be used.
@@ -47,6 +50,10 @@ def opened(path: str, settings: BridgeSettings) -> Recording:
             "%s:%d: %d bad %s left out; the first: %s",
             *(path, skipped[0].line_number, len(skipped), lines, skipped[0].problem),
         )
+    last_ns = {type(reading): reading.stamp_ns for reading in recording.readings}
+    left_s = (last_ns[LaserReading] - last_ns.get(OdometryReading, math.inf)) / 1e9
+    if left_s > _MOST_LEFT_S:
+        _log.warning("%s: odometry ends %.0f s before the scans, which are left out", path, left_s)
     return recording
 
 

@@ -6,7 +6,7 @@ from clustermcl.protocol.errors import RecordingError, SettingsError
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.process import source_of
 from clustermcl.sensor_bridge.recorded import opened, steps_of
-from tests.unit.recordings.logs import flaser, recording_of
+from tests.unit.recordings.logs import flaser, odom, recording_of
 
 
 def test_a_recording_without_a_usable_scan_is_refused(tmp_path: Path) -> None:
@@ -21,13 +21,18 @@ def test_only_the_last_step_is_marked_as_last(tmp_path: Path) -> None:
     assert [step.last for step in steps] == [False, False, True]
 
 
-def test_bad_lines_that_are_left_out_are_counted(
+def test_bad_lines_and_scans_that_are_left_out_are_reported(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "robot.log"
-    for bad, warned in ((["ODOM x"], f"{path}:2: 1 bad line left out"), ([], "")):
+    ends = f"{path}: odometry ends 3 s before the scans, which are left out"
+    for lines, warned in (
+        ([flaser(1), "ODOM x", flaser(2)], f"{path}:2: 1 bad line left out"),
+        ([odom(1), flaser(1), flaser(4)], ends),
+        ([odom(1), flaser(1), odom(3), flaser(4)], ""),
+    ):
         caplog.clear()
-        path.write_text("\n".join([flaser(1), *bad, flaser(2)]))
+        path.write_text("\n".join(lines))
         opened(str(path), BridgeSettings())
         assert warned in caplog.text
         assert bool(warned) == bool(caplog.text)
