@@ -15,6 +15,7 @@ from clustermcl.recordings.bag_file import is_bag
 from clustermcl.recordings.carmen_log import carmen_entries
 from clustermcl.recordings.log_file import Entry, SkippedLine
 from clustermcl.recordings.run_log import is_run_log, playback
+from clustermcl.runtime.compressed import os_problem
 from clustermcl.runtime.settings import BridgeSettings
 
 SHORTEST_MARKER_M = 8.0
@@ -69,7 +70,11 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
             line is a message.
     """
     path = Path(path)
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    try:
+        is_read_once = path.exists() and not (path.is_file() or path.is_dir())
+    except OSError as error:  # its folder may not be searched, or its name is too long
+        raise RecordingError(path, os_problem(error)) from error
+    if is_read_once:
         raise RecordingError(path, "is a pipe or a device; write it to a file, which is read twice")
     mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     if is_run_log(path):

@@ -196,10 +196,11 @@ def test_a_file_that_is_not_a_recording_is_refused(
     assert "\n" not in str(caught.value)
 
 
-def test_a_pipe_is_refused_before_it_is_read(tmp_path: Path) -> None:
+def test_pipes_and_impossible_names_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "log")
-    with pytest.raises(RecordingError, match="is a pipe"):
-        open_recording(tmp_path / "log", BridgeSettings())
+    for name, problem in (("log", "is a pipe"), ("x" * 300, "cannot be read: File name too long")):
+        with pytest.raises(RecordingError, match=problem):
+            open_recording(tmp_path / name, BridgeSettings())
 
 
 # --- time ---------------------------------------------------------------------------------------
