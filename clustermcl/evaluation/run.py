@@ -195,11 +195,14 @@ def in_parallel(
     pool = ProcessPoolExecutor(
         max(min(jobs, len(pieces)), 1),
         multiprocessing.get_context("spawn"),
-        _prepare_process,
+        die_with_parent,
         (os.getpid(),),
     )
     try:
+        # Ctrl-C reaches all processes of a terminal: those that start now leave it to this one.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         running = {pool.submit(work, each): run for run, each in enumerate(pieces)}
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         while running and not stop.is_set():
             for future in wait(running, _POLL_S, FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
@@ -209,10 +212,3 @@ def in_parallel(
         for child in multiprocessing.active_children():
             child.kill()
         pool.shutdown(cancel_futures=True)  # its thread has ended: at exit it would still write
-
-
-def _prepare_process(parent_pid: int) -> None:
-    """Leave Ctrl-C, which reaches all processes of a terminal, to the parent."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    die_with_parent(parent_pid)

@@ -1,4 +1,7 @@
 import multiprocessing
+import os
+import signal
+import threading
 
 import pytest
 
@@ -9,9 +12,18 @@ from tests.integration.waiting import wait_until
 from tests.unit.evaluation.work_pieces import work
 
 
+def interrupt() -> None:
+    """Send what the terminal sends to processes that have hardly started."""
+    wait_until(multiprocessing.active_children)
+    for child in multiprocessing.active_children():
+        for number in (signal.SIGTERM, signal.SIGINT):
+            os.kill(child.pid or 0, number)
+
+
 def test_each_piece_is_done_once_and_signals_to_the_group_are_left_to_the_parent() -> None:
-    done = dict(in_parallel(work, ["a", "signalled", "c"], 2, StopFlag()))
-    assert done == {0: "A", 1: "SIGNALLED", 2: "C"}
+    threading.Thread(target=interrupt).start()
+    done = dict(in_parallel(work, ["a", "b", "c"], 2, StopFlag()))
+    assert done == {0: "A", 1: "B", 2: "C"}
     assert list(in_parallel(work, [], 4, StopFlag())) == []
 
 

@@ -1,7 +1,6 @@
 """Work for processes that tests start."""
 
 import os
-import signal
 import time
 
 from clustermcl.protocol.errors import MapFileError
@@ -13,9 +12,6 @@ def work(piece: str) -> str:
             raise MapFileError("map.yaml", "a bad line", line=7)
         case "die":
             os._exit(7)
-        case "signalled":
-            os.kill(os.getpid(), signal.SIGTERM)
-            os.kill(os.getpid(), signal.SIGINT)
         case "hang":
             time.sleep(600.0)  # ended from outside
     return piece.upper()
